@@ -226,6 +226,14 @@ def test_a_scene_may_be_the_folder_of_a_training(copy):
     assert ours["model/s0-0/object.ply"] == expected["s0-0/object.ply"]
 
 
+def test_what_a_trim_warns_of_is_told_of_its_item(copy):
+    first, again = (batch(copy, f"s0.ply,,all,z,{QUICK}", output="new")["all"] for _ in range(2))
+    assert first.warnings == again.warnings and not again.fresh
+    assert "The object is the whole file" in first.told and look_first(again) > 1
+    (row,) = csv.DictReader(as_csv([again]).splitlines())
+    assert row["message"] == first.told
+
+
 def test_views_that_cannot_be_had_are_refused(tmp_path, monkeypatch):
     scene, _ = toy.ball_on_floor()
     monkeypatch.setattr(MaskFilesSegmenter, "own_cameras", lambda segmenter, cameras: [])
@@ -293,16 +301,18 @@ def test_the_worst_come_first():
     ordered = [
         outcome("a", state="failed", message="<broken>"),
         outcome("b", refused="too little"),
+        outcome("w", warnings=("It may be wrong.",)),
         outcome("c", views=(2, 5)),
-        outcome("d", counts={"selected": 100, "removed": 30}),
+        outcome("d", counts={"selected": 100, "removed": 30}, warnings=("A side.",), shrunk_side="A side"),
         outcome("e"),
     ]
     doubts = [look_first(entry) for entry in ordered]
     assert doubts == sorted(set(doubts), reverse=True)
     page = as_html(ordered)
-    assert "5 items: 4 done, 1 failed" in page
+    assert "6 items: 5 done, 1 failed" in page
+    assert "It may be wrong." in page and ",It may be wrong.," in as_csv(ordered)
     assert "&lt;broken&gt;" in page
-    assert page.count("<img") == 4
+    assert page.count("<img") == 5
 
 
 # Who does what

@@ -388,6 +388,23 @@ def test_a_value_behind_an_equals_sign_may_begin_with_dashes(capsys):
     assert "--output has no value" in capsys.readouterr().err
 
 
+def test_what_the_terminal_warns_of_stands_in_the_report(ball, tmp_path, capsys):
+    """A guessed up vector, of one object and of several: there once, since all have the same."""
+    scene, truth = ball[1:]
+    object_alone = scene.select(truth)
+    formats.write(object_alone, tmp_path / "a.ply")
+    np.save(tmp_path / "ids.npy", 1 + (object_alone.means[:, 0] > object_alone.means[:, 0].mean()))
+    command = ["trim", tmp_path / "a.ply", "--labels", tmp_path / "ids.npy", "--overwrite", *SMALL]
+    for more in ([], ["--objects", 2]):
+        assert run(*command, "--output", tmp_path / "out", "--json", *more) == 0
+        printed = capsys.readouterr()
+        report = json.loads(printed.out)
+        assert report_of(tmp_path / "out").get("warnings") == report.get("warnings")
+        for entry in report.get("objects", [report]):
+            (guess,) = (sentence for sentence in entry["warnings"] if "up vector is a guess" in sentence)
+        assert printed.err.count(guess) == 1 and f"gaussian-trimmer: {guess}\n" in printed.err
+
+
 def test_the_summary_adds_up(ball, tmp_path, capsys):
     folder, _, _ = ball
     assert run("trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, *SMALL) == 0

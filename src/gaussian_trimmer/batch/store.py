@@ -37,6 +37,10 @@ class Outcome:
     """How many views were accepted, of how many."""
     refused: str = ""
     """Why the selection was returned unchanged; empty if it was trimmed."""
+    warnings: tuple[str, ...] = ()
+    """What may be wrong although it was trimmed, a sentence each."""
+    shrunk_side: str = ""
+    """What one of these says of a side from which much of the selection was taken; empty if none does."""
     up_confidence: float = 0.0
     seconds: float = 0.0
     """How long the trim took, without reading the scene."""
@@ -45,8 +49,13 @@ class Outcome:
     unwritten: bool = False
     """It failed because the output cannot be written, as on a full disk, and may be written by the next run."""
 
+    @property
+    def told(self) -> str:
+        """What there is to say of it: why it failed or was not trimmed, or what may be wrong."""
+        return self.message or self.refused or " ".join(self.warnings)
 
-_RESULT = ("fingerprint", "counts", "views", "refused", "up_confidence")
+
+_RESULT = ("fingerprint", "counts", "views", "refused", "warnings", "shrunk_side", "up_confidence")
 """What the `item.json` of a finished item says of its outcome: nothing that differs from run to run."""
 _COURSE = ("fingerprint", "message", "seconds")
 """What `records` say of how an item went; without a message it is done."""

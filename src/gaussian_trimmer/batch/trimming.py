@@ -186,6 +186,8 @@ def _write(result: TrimResult, item: Item, mark: str, folder: Path) -> Outcome:
         counts=report["counts"],
         views=(sum(view["accepted"] for view in report["views"]), len(report["views"])),
         refused=report["refused"] or "",
+        warnings=tuple(report["warnings"]),
+        shrunk_side=report["shrunk_side"] or "",
         up_confidence=report["up"]["confidence"],
         fingerprint=mark,
     )

@@ -95,8 +95,9 @@ class PlacingOptions:
     def sentence(self, files: list[str], up: UpVector) -> str:
         """Return what to say of the files that were written."""
         said = f"For {ENGINES[self.engine].name}" if self.engine else "Placed"
-        known = "upright" if up.is_sure else "turned by a guess of which way is up: look, and give --up"
-        return f"{said}{f', {known}' if self.needs_up else ''}: {', '.join(files)}; {POSES} says where they lie."
+        turned = "" if self.engine is None else ", upright" if up.is_sure else ", upright if the up vector is right"
+        where = "they lie" if len(files) > 1 else "it lies"
+        return f"{said}{turned}: {', '.join(files)}; {POSES} says where {where}."
 
     def check_target(self, target: Path) -> None:
         """Refuse a file that the program does not read.
