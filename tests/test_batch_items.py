@@ -45,6 +45,10 @@ def test_paths_may_be_paths():
         ([Item("a.ply", name="/x")], "cannot name a folder"),
         ([Item("a.ply", name="x/.hidden")], "cannot name a folder"),
         ([Item("a.ply", name="x/nul.txt")], "as 'x/_nul.txt' can"),
+        (
+            [Item("a.ply", "mug.npy", "mug"), Item("a.ply", name="x")],
+            "Item 2, 'x', has no selection, while 'mug' has one",
+        ),
         ([Item("a.xyz")], "xyz"),
         ([Item("a.ply", format="xyz")], "xyz"),
         ([Item("a.ply", segmenter="sam9")], "sam9"),

@@ -77,8 +77,8 @@ def check_items(items: Iterable[Item]) -> list[Item]:
     """The items with their names, after all checks that need no file to be opened.
 
     Raises:
-        InputError: there is no item, a setting is not possible, two items have the same name, or the folder of one
-            would lie in that of another.
+        InputError: there is no item, a setting is not possible, two items have the same name, the folder of one would
+            lie in that of another, or one is a whole scene of which another is a part.
     """
     checked: list[Item] = []
     known: set[int] = set()
@@ -95,6 +95,13 @@ def check_items(items: Iterable[Item]) -> list[Item]:
         if (first := numbers.setdefault(item.name.casefold(), number)) != number:  # some file systems fold cases
             raise InputError(
                 f"Items {first} and {number} are both named '{clip_name(item.name)}'; give each a name of its own."
+            )
+    selected = {item.scene: item.name for item in checked if item.selection is not None}
+    for number, item in enumerate(checked, 1):
+        if item.selection is None and item.scene in selected:
+            raise InputError(
+                f"Item {number}, '{clip_name(item.name)}', has no selection, while '{selected[item.scene]}' has one in "
+                "the same scene; say what it is, or leave the item out."
             )
     for name, number in numbers.items():
         for parent in map(str, PurePosixPath(name).parents):
