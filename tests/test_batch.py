@@ -202,6 +202,15 @@ def test_what_a_lost_cluster_had_finished_is_done_and_the_rest_is_left(copy, mon
     assert fresh(batch(copy, output="new")) == ["s1-0", "s1-1"]
 
 
+def test_nothing_stays_of_an_item_that_was_begun_and_not_finished(copy):
+    part = copy / "new" / "items" / "a" / "b" / ".gaussian-trimmer.part" / "new"
+    part.mkdir(parents=True)
+    (part / "object.ply").write_bytes(b"half")
+    (copy / "new" / "items" / "c").mkdir()
+    Store(copy / "new").clean("a/b")
+    assert [path.name for path in (copy / "new" / "items").iterdir()] == ["c"]
+
+
 def test_what_another_run_is_writing_comes_last(copy, monkeypatch):
     plain, asked = Store.result_folder, []
 
@@ -274,7 +283,7 @@ def test_the_command(copy, capsys):
 
 def test_progress(capsys):
     """A line for each item without a terminal too."""
-    shown = command._Progress(open_console(quiet=False), None)
+    shown = command._Progress(open_console(quiet=False), None, 10)
     shown.show_outcome(outcome("x", state="failed", message="it is\x1b[31m broken"))
     shown.show_outcome(outcome("y", seconds=1.25))
     shown.show_outcome(outcome("z", fresh=False))

@@ -212,7 +212,7 @@ def test_signal_that_stops_a_trim_leaves_the_earlier_results(number, code, monke
     stop = getattr(signal, number)
     monkeypatch.setattr("gaussian_trimmer.commands.trim_run.trim_objects", lambda *_, **__: signal.raise_signal(stop))
     assert run(*command, *SMALL) == code
-    assert capsys.readouterr().err == ""
+    assert capsys.readouterr().err == "gaussian-trimmer: Stopped; nothing was written.\n"
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 

@@ -109,8 +109,14 @@ class Store:
         write_whole(path, text)
 
     def clean(self, name: str) -> None:
-        """Remove what a process that was killed has left beside the results of an item."""
-        remove_leftovers(self._root / "items" / name)
+        """Remove what a process that was killed has left of an item, or beside its results."""
+        folder = self._root / "items" / name
+        remove_leftovers(folder)
+        for place in (folder, *folder.parents):
+            if place == self._root:
+                break
+            with suppress(OSError):  # It holds results.
+                place.rmdir()
 
     def _finished(self, item: Item) -> Outcome | None:
         """Return what `item.json` says; None unless all files of the item are there, as large as they were written."""
