@@ -5,7 +5,7 @@ import json
 import os
 import shutil
 from concurrent.futures import Future
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -54,11 +54,12 @@ def copy(folder, tmp_path):
     return shutil.copytree(folder, tmp_path / "copy")
 
 
-def batch(folder, *rows, output="out", **options):
+def batch(folder, *rows, output="out", no_background=False, **options):
     """Outcomes by name, of the manifest or of other rows."""
     if rows:
         (folder / "rows.csv").write_text("\n".join(["scene,selection,name,up,options", *rows]) + "\n")
     items = gt.batch.read_manifest(folder / ("rows.csv" if rows else "manifest.csv"))
+    items = [replace(item, background=not no_background) for item in items]
     return {outcome.item.name: outcome for outcome in gt.batch.run(items, folder / output, **options)}
 
 
@@ -66,14 +67,18 @@ def fresh(outcomes):
     return [name for name, outcome in outcomes.items() if outcome.fresh]
 
 
-@pytest.mark.parametrize("name", ["s1-1.npy", "marked.npy", "marked.json"])
-def test_a_batch_of_one_is_the_command(copy, name):
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [("s1-1.npy", ""), ("marked.npy", ""), ("marked.json", ""), ("s1-1.npy", " --origin foot --html"),
+     ("s1-1.npy", " --for three --scale 2")],
+)  # fmt: skip
+def test_a_batch_of_one_is_the_command(copy, name, more):
     """Byte for byte, also where marks have removed something."""
     save_marked(copy)
-    (found,) = batch(copy, f"s1.ply,{name},one,z,{QUICK}", output="new").values()
-    arguments = ["--up", "z", *QUICK.split(), "--output", str(copy / "one"), "--quiet"]
+    (found,) = batch(copy, f"s1.ply,{name},one,z,{QUICK}{more}", output="new").values()
+    arguments = ["--up", "z", *f"{QUICK}{more}".split(), "--output", str(copy / "one"), "--quiet"]
     assert main(["trim", str(copy / "s1.ply"), str(copy / name), *arguments]) == 0
-    own = {"report.json", "manifest.json", "item.json", "selection.json"}
+    own = {"report.json", "report.html", "manifest.json", "item.json", "selection.json"}
     ours = {path: data for path, data in contents(copy / "new").items() if path.rpartition("/")[2] not in own}
     theirs = {
         f"one/{path.relative_to(copy / 'one').as_posix()}": path.read_bytes()
@@ -82,6 +87,18 @@ def test_a_batch_of_one_is_the_command(copy, name):
     }
     assert found.state == "done"
     assert ours == theirs
+    assert (copy / "new" / "items" / "one" / "report.html").is_file() == ("--html" in more)
+
+
+def test_an_item_is_made_again_when_it_is_to_be_placed(copy):
+    row = f"s0.ply,s0-0.npy,one,z,{QUICK}"
+    batch(copy, row, output="new", no_background=True)
+    placed = batch(copy, f"{row} --origin foot --html", output="new", no_background=True)["one"]
+    files = {path.name for path in (copy / "new" / "items" / "one").iterdir()}
+    assert placed.fresh and {"object_placed.ply", "object_hull.obj", "poses.json", "report.html"} <= files
+    assert "background_placed.ply" not in files
+    assert batch(copy, row, output="new", no_background=True)["one"].fresh
+    assert not (copy / "new" / "items" / "one" / "poses.json").exists()
 
 
 def save_marked(folder):
@@ -152,7 +169,7 @@ def test_failures_cost_their_items_alone_and_are_tried_again_when_mended(copy):
 
 
 def test_a_batch_stops_when_nothing_can_be_written(copy, monkeypatch):
-    def refuse(store, name, suffix, inputs):
+    def refuse(store, item, inputs):
         raise OSError(28, "No space left on device")
 
     told = []
@@ -185,14 +202,23 @@ def test_what_a_lost_cluster_had_finished_is_done_and_the_rest_is_left(copy, mon
     assert fresh(batch(copy, output="new")) == ["s1-0", "s1-1"]
 
 
+def test_nothing_stays_of_an_item_that_was_begun_and_not_finished(copy):
+    part = copy / "new" / "items" / "a" / "b" / ".gaussian-trimmer.part" / "new"
+    part.mkdir(parents=True)
+    (part / "object.ply").write_bytes(b"half")
+    (copy / "new" / "items" / "c").mkdir()
+    Store(copy / "new").clean("a/b")
+    assert [path.name for path in (copy / "new" / "items").iterdir()] == ["c"]
+
+
 def test_what_another_run_is_writing_comes_last(copy, monkeypatch):
     plain, asked = Store.result_folder, []
 
-    def busy_once(store, name, suffix, inputs):
-        asked.append(name)
+    def busy_once(store, item, inputs):
+        asked.append(item.name)
         if asked == ["s0-0"]:
             raise FolderInUseError("busy")
-        return plain(store, name, suffix, inputs)
+        return plain(store, item, inputs)
 
     monkeypatch.setattr(Store, "result_folder", busy_once)
     assert {outcome.state for outcome in batch(copy, output="new").values()} == {"done"}
@@ -207,6 +233,14 @@ def test_a_scene_may_be_the_folder_of_a_training(copy):
     assert list(found) == ["model/s0-0"]
     ours, expected = contents(copy / "new"), contents(copy / "out")
     assert ours["model/s0-0/object.ply"] == expected["s0-0/object.ply"]
+
+
+def test_what_a_trim_warns_of_is_told_of_its_item(copy):
+    first, again = (batch(copy, f"s0.ply,,all,z,{QUICK}", output="new")["all"] for _ in range(2))
+    assert first.warnings == again.warnings and not again.fresh
+    assert "The object is the whole file" in first.told and look_first(again) > 1
+    (row,) = csv.DictReader(as_csv([again]).splitlines())
+    assert row["message"] == first.told
 
 
 def test_views_that_cannot_be_had_are_refused(tmp_path, monkeypatch):
@@ -249,7 +283,7 @@ def test_the_command(copy, capsys):
 
 def test_progress(capsys):
     """A line for each item without a terminal too."""
-    shown = command._Progress(open_console(quiet=False), None)
+    shown = command._Progress(open_console(quiet=False), None, 10)
     shown.show_outcome(outcome("x", state="failed", message="it is\x1b[31m broken"))
     shown.show_outcome(outcome("y", seconds=1.25))
     shown.show_outcome(outcome("z", fresh=False))
@@ -276,16 +310,18 @@ def test_the_worst_come_first():
     ordered = [
         outcome("a", state="failed", message="<broken>"),
         outcome("b", refused="too little"),
+        outcome("w", warnings=("It may be wrong.",)),
         outcome("c", views=(2, 5)),
-        outcome("d", counts={"selected": 100, "removed": 30}),
+        outcome("d", counts={"selected": 100, "removed": 30}, warnings=("A side.",), shrunk_side="A side"),
         outcome("e"),
     ]
     doubts = [look_first(entry) for entry in ordered]
     assert doubts == sorted(set(doubts), reverse=True)
     page = as_html(ordered)
-    assert "5 items: 4 done, 1 failed" in page
+    assert "6 items: 5 done, 1 failed" in page
+    assert "It may be wrong." in page and ",It may be wrong.," in as_csv(ordered)
     assert "&lt;broken&gt;" in page
-    assert page.count("<img") == 4
+    assert page.count("<img") == 5
 
 
 # Who does what

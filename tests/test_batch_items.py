@@ -14,10 +14,11 @@ from gaussian_trimmer.batch.items import check_items
 from gaussian_trimmer.batch.manifest import RowOptions
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.cli import main
+from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.trim import Trim
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.options import parse
+from gaussian_trimmer.options import options_of, parse
 from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig
 from gaussian_trimmer.segmentation.segmenters.mask_files import MaskFilesConfig
 from gaussian_trimmer.segmentation.segmenters.sam import SamConfig
@@ -44,6 +45,10 @@ def test_paths_may_be_paths():
         ([Item("a.ply", name="/x")], "cannot name a folder"),
         ([Item("a.ply", name="x/.hidden")], "cannot name a folder"),
         ([Item("a.ply", name="x/nul.txt")], "as 'x/_nul.txt' can"),
+        (
+            [Item("a.ply", "mug.npy", "mug"), Item("a.ply", name="x")],
+            "Item 2, 'x', has no selection, while 'mug' has one",
+        ),
         ([Item("a.xyz")], "xyz"),
         ([Item("a.ply", format="xyz")], "xyz"),
         ([Item("a.ply", segmenter="sam9")], "sam9"),
@@ -108,6 +113,7 @@ def test_objects_of_labels_are_items(tmp_path):
         ("scene,labels,objects\na.ply,b.npy,all\n", "There is no file"),
         ("scene,up\na.ply,w\n", "The up vector is 'w'"),
         ("scene,options\na.ply,--plan.sise 3\n", "line 2: --plan.sise is not an option"),
+        ("scene,options\na.ply,--objects 3\n", "line 2: --objects is the column 'objects'"),
         ("scene,options\na.ply,--plan.views x\n", "--plan.views is 'x'"),
         ("scene,options\na.ply,'\n", "cannot be split into words"),
         ("[1]\n", "line 1: It is not a JSON object"),
@@ -151,7 +157,7 @@ def test_ids_are_those_that_the_file_has_now(tmp_path):
         "--views 3 --background clean",
         "--label-crf.no-enabled --up z", "--label_crf.support_plane.no-enabled --plan.fill=0.5",
         "--preset paper --plan.size 300 --sam.points 2", "--preset paper --segmenter sam --sam.points 2",
-        "--selection.object-id 3 4 --format spz",
+        "--selection.object-id 3 4 --format spz", "--for unreal --scale 100 --html",
     ],
 )  # fmt: skip
 def test_options_are_those_of_trim(words, monkeypatch):
@@ -162,6 +168,32 @@ def test_options_are_those_of_trim(words, monkeypatch):
     assert options.settings() == trim.options.settings()
     assert (options.segmenter, options.used_options()) == (trim.options.segmenter, trim.options.used_options())
     assert (options.selection_options, options.format) == (trim.selection_options, trim.options.format)
+    assert (options.placing, options.html) == (trim.results.placing, trim.results.pages.html)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ("--labels ids.npy", "--labels is the column 'labels'; leave it out."),
+        ("--export-viewer=a.html", "--export-viewer is not for a batch; leave it out."),
+        ("--plan.sise 3", "--plan.sise is not an option or argument of 'trim'; did you mean --plan.size?"),
+        ("'x", "The options ''x' cannot be split into words (No closing quotation)."),
+    ],
+)
+def test_a_fault_in_the_options_of_all_rows_is_said_once(tmp_path, options, said):
+    path = manifest(tmp_path, "scene\n" + "a.ply\n" * 3)
+    with pytest.raises(InputError) as refused:
+        read_manifest(path, options)
+    assert str(refused.value) == f"--options: {said}"
+
+
+def test_the_page_lists_what_a_batch_has_in_another_way_or_not_at_all():
+    """A new option of `trim` is either one of a batch, too, or named there."""
+    page = (Path(__file__).parents[1] / "docs" / "batch.md").read_text()
+    missing = {option.name for option in options_of(Trim) if not (option.note.positional or option.note.order)}
+    missing -= {option.name for option in options_of(RowOptions)}
+    marks = {option.name for option in options_of(MarkOptions)}
+    assert not [name for name in missing - marks if f"`--{name}`" not in page]
 
 
 def test_rows_with_options_of_their_own_take_little_work(tmp_path):

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -84,14 +85,18 @@ def test_a_batch_that_was_killed_is_completed(batch, tmp_path):
 
 
 @pytest.mark.slow
-def test_an_interrupted_batch_leaves_nothing_half_written(batch, tmp_path):
-    manifest, _, expected = batch
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_batch_leaves_nothing_half_written(batch, tmp_path, number):
+    manifest, names, expected = batch
     process = start(manifest, tmp_path, "--workers", 2)
     until(lambda: n_finished(tmp_path) >= 1 and parts(tmp_path))
     workers = workers_of(process)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     code, _, err = end(process)
-    assert (code, err) == (130, "")
+    assert code == 128 + number
+    told = re.fullmatch(r"gaussian-trimmer: Stopped after (\d) of 6 items; the same command goes on\.\n", err)
+    assert 1 <= int(told[1]) <= n_finished(tmp_path) < len(names)
+    assert [folder for folder, folders, files in os.walk(tmp_path / "items") if not folders + files] == []
     assert not any(map(is_alive, workers))
     assert parts(tmp_path) == []
     assert contents(tmp_path).items() <= expected.items()

@@ -73,3 +73,11 @@ def test_the_side_is_named_from_which_much_of_a_selection_was_taken():
     assert shrunk_side(part, positions, np.zeros_like(foot)) is None
     assert shrunk_side(part, positions, foot & (np.arange(len(foot)) % 4 == 0)) is None
     assert shrunk_side(replace(part, refused="bad"), positions, foot) is None
+
+
+def test_what_is_said_of_a_side_is_a_warning_of_the_report():
+    scene, truth = toy.ball_on_floor()
+    near = truth | ((np.linalg.norm(scene.means - toy.CENTRE, axis=1) < 1.6 * toy.RADIUS) & (scene.means[:, 2] < 0.1))
+    report = trim(scene, near, config=toy.small_config()).report
+    assert "at its foot" in report["shrunk_side"]
+    assert report["warnings"] == [f"{report['shrunk_side']}."]

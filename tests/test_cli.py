@@ -212,7 +212,7 @@ def test_signal_that_stops_a_trim_leaves_the_earlier_results(number, code, monke
     stop = getattr(signal, number)
     monkeypatch.setattr("gaussian_trimmer.commands.trim_run.trim_objects", lambda *_, **__: signal.raise_signal(stop))
     assert run(*command, *SMALL) == code
-    assert capsys.readouterr().err == ""
+    assert capsys.readouterr().err == "gaussian-trimmer: Stopped; nothing was written.\n"
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
@@ -367,6 +367,42 @@ def test_up_is_an_axis_wherever_it_stands(given, vector):
     for command in ("trim", "select"):
         assert cli._parse(command, ["a.ply", *given]).options.config.up == vector
     assert cli._parse("convert", ["a.ply", "b.html", *given]).up == vector
+
+
+@pytest.mark.parametrize(
+    ("words", "options"),
+    [
+        (["--options", "--html"], "--html"),
+        (["--options=--views=7"], "--views=7"),
+        (["--options", "--views 7"], "--views 7"),
+    ],
+)
+def test_a_text_of_options_may_be_a_single_one(words, options):
+    made = cli._parse("batch", [*words, "a.csv", "--quiet"])
+    assert (made.options, made.manifests[0].name, made.printing.quiet) == (options, "a.csv", True)
+
+
+def test_a_value_behind_an_equals_sign_may_begin_with_dashes(capsys):
+    assert str(cli._parse("trim", ["a.ply", "--output=--out"]).output) == "--out"
+    assert run("trim", "a.ply", "--output", "--out") == 2
+    assert "--output has no value" in capsys.readouterr().err
+
+
+def test_what_the_terminal_warns_of_stands_in_the_report(ball, tmp_path, capsys):
+    """A guessed up vector, of one object and of several: there once, since all have the same."""
+    scene, truth = ball[1:]
+    object_alone = scene.select(truth)
+    formats.write(object_alone, tmp_path / "a.ply")
+    np.save(tmp_path / "ids.npy", 1 + (object_alone.means[:, 0] > object_alone.means[:, 0].mean()))
+    command = ["trim", tmp_path / "a.ply", "--labels", tmp_path / "ids.npy", "--overwrite", *SMALL]
+    for more in ([], ["--objects", 2]):
+        assert run(*command, "--output", tmp_path / "out", "--json", *more) == 0
+        printed = capsys.readouterr()
+        report = json.loads(printed.out)
+        assert report_of(tmp_path / "out").get("warnings") == report.get("warnings")
+        for entry in report.get("objects", [report]):
+            (guess,) = (sentence for sentence in entry["warnings"] if "up vector is a guess" in sentence)
+        assert printed.err.count(guess) == 1 and f"gaussian-trimmer: {guess}\n" in printed.err
 
 
 def test_the_summary_adds_up(ball, tmp_path, capsys):

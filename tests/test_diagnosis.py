@@ -94,7 +94,7 @@ def test_an_up_vector_that_the_ground_contradicts_is_doubted(up):
     (warning,) = result.warnings
     assert "degrees away" in warning
     assert "--up 0.00 0.00 1.00" in warning
-    assert result.report["warnings"] == [warning]
+    assert result.report["warnings"][0] == warning
 
 
 def test_a_wall_behind_the_object_is_not_its_ground():

@@ -110,6 +110,20 @@ def test_trim_writes_both_parts_for_an_engine_beside_those_of_the_scene(ball, tm
     assert not (tmp_path / "out" / "object_for_three.spz").exists()
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--for", "unreal"), "For Unreal, upright if the up vector is right: object_for_unreal.ply; "),
+        (("--origin", "foot"), "Placed: object_placed.ply; "),
+    ],
+)
+def test_only_what_was_done_with_an_object_is_said(options, said, ball, tmp_path, capsys):
+    scene, truth = toy.ball_on_floor()
+    formats.write(scene.select(truth), tmp_path / "alone.ply")
+    assert run("trim", tmp_path / "alone.ply", "--output", tmp_path / "out", *SMALL, *options) == 0
+    assert f"{said}poses.json says where it lies.\n" in capsys.readouterr().out
+
+
 def test_each_object_stands_at_the_origin_and_poses_say_where_in_the_scene(ball, tmp_path):
     np.save(tmp_path / "ids.npy", np.load(ball / "rough.npy").astype(np.int32) * 7)
     out = tmp_path / "out"

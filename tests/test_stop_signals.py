@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP end a command with the code that shells expect, and without a word or a trace on disk."""
+"""Ctrl-C, SIGTERM and SIGHUP end a command with a sentence and the code that shells expect, and no trace on disk."""
 
 import os
 import signal
@@ -12,6 +12,7 @@ import pytest
 from gaussian_trimmer import cli
 from gaussian_trimmer.batch.ray_cluster import _connect
 from gaussian_trimmer.io.stop_signals import Stopped, stop_signals_raised
+from gaussian_trimmer.io.writing import atomic_folder, write_whole
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="needs signals")
 
@@ -38,13 +39,25 @@ BODIES = {
 
 @pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_stopped_command_is_silent_cleans_up_and_has_the_code_of_the_signal(tmp_path, name, body):
+def test_stopped_command_says_so_cleans_up_and_has_the_code_of_the_signal(tmp_path, name, body):
     number = getattr(signal, name)
     command = [sys.executable, "-c", SCRIPT.format(body=body), str(int(number)), str(tmp_path / "a" / "out")]
     environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    assert (done.returncode, done.stderr) == (128 + number, "")
+    assert (done.returncode, done.stderr) == (128 + number, "gaussian-trimmer: Stopped; nothing was written.\n")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_stopped_command_has_written_is_said(tmp_path, monkeypatch, capsys):
+    def command(_):
+        write_whole(tmp_path / "a.npy", "a")
+        with atomic_folder(tmp_path / "out", "test") as folder:
+            write_whole(folder / "b", "b")
+            signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(cli, "_dispatch", command)
+    assert cli.main([]) == 128 + signal.SIGTERM
+    assert capsys.readouterr().err == f"gaussian-trimmer: Stopped; {tmp_path / 'a.npy'} had been written.\n"
 
 
 def test_ignored_signals_stay_ignored_and_handlers_come_back(monkeypatch):

@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import os
 import sys
+from contextlib import suppress
 
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.commands import COMMANDS, kind_of
@@ -28,18 +29,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code.
 
     What the user can mend is one sentence on standard error and code 2. Where nothing was trimmed, the selection was
-    written as it came, and the code is 3. Ctrl-C is code 130, SIGTERM 143 and SIGHUP 129, without a word, and what was
-    begun is removed. Other exceptions are defects and keep their traceback.
+    written as it came, and the code is 3. Ctrl-C is code 130, SIGTERM 143 and SIGHUP 129; what was begun is removed,
+    and a sentence says what is left. Other exceptions are defects and keep their traceback.
     """
     try:
-        from gaussian_trimmer.io.stop_signals import stop_signals_raised
+        from gaussian_trimmer.io.stop_signals import stop_signals_raised, written
 
         with stop_signals_raised() as signals:
             try:
                 code = _run(sys.argv[1:] if arguments is None else list(arguments))
             except BaseException as error:
                 # Whatever follows a signal follows from it.
-                code = 0 if signals else _explain(error)
+                code = _say_stopped(error, written) if signals else _explain(error)
             return STOPPED_BY + signals[0] if signals else code
     except KeyboardInterrupt as stopped:  # before or after what stands above takes the signals
         return STOPPED_BY + stopped.args[0] if stopped.args else INTERRUPTED
@@ -69,6 +70,15 @@ def _explain(error: BaseException) -> int:
         raise error
     print(f"{PROGRAM}: {printable(' '.join(message.split()), _MESSAGE_LENGTH)}", file=sys.stderr)
     return USER_ERROR
+
+
+def _say_stopped(error: BaseException, written: Sequence[object]) -> int:
+    """Say that a signal has stopped the command, and what it has written; what the error says comes first."""
+    left = f"{', '.join(map(str, written))} had been written." if written else "nothing was written."
+    said = error.args[1] if len(error.args) > 1 and isinstance(error, KeyboardInterrupt) else f"Stopped; {left}"
+    with suppress(OSError):  # the terminal may be gone
+        print(f"{PROGRAM}: {printable(said, _MESSAGE_LENGTH)}", file=sys.stderr)
+    return 0
 
 
 def _dispatch(arguments: Sequence[str]) -> int:

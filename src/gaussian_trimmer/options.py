@@ -29,7 +29,7 @@ Names = tuple[str, ...]
 """Names of the fields that lead from a command to a value."""
 UP = "X Y Z, or an axis such as z or -y"
 _FLAG = re.compile(r"--[^\s=]*(=.*)?", re.DOTALL)
-"""Unlike a text of several options, such as "--views 7 --quiet", which is a value."""
+"""Unlike a negative number, this is not the next value of an option before it."""
 _NEGATIVE_NUMBER = re.compile(r"-[\d.]")
 _METAVARS = {int: "INT", float: "FLOAT", bool: "{true,false}"}
 
@@ -50,6 +50,8 @@ class arg:  # noqa: N801 - it stands in annotations, where a note reads like one
     """It may be given several times; the field has a tuple of all values."""
     order: bool = False
     """It has no flag: its field has names and values of all ordered options, in the order given."""
+    of_options: bool = False
+    """Its value is a text of options, so that the next word is that, also if it begins with dashes."""
 
 
 _Value = TypeVar("_Value")
@@ -197,7 +199,7 @@ def _filled(kind: Any, base: Any, given: Mapping[Names, Any]) -> Any:
 
 
 @cache
-def _flags_of(kind: type) -> dict[str, tuple[Option, bool]]:
+def flags_of(kind: type) -> dict[str, tuple[Option, bool]]:
     """Return all flags, with the option that they set and, of those without a value, what they set it to."""
     named = [option for option in options_of(kind) if not (option.note.positional or option.note.order)]
     return {flag: (option, number == 0) for option in named for number, flag in enumerate(option.flags)}
@@ -214,7 +216,7 @@ def _values(kind: type, words: Sequence[str], command: str) -> dict[Names, Any]:
         if word.startswith("--") or (word.startswith("-") and not _NEGATIVE_NUMBER.match(word)):
             left.popleft()
             flag, equals, value = word.partition("=")
-            option, is_on = _flags_of(kind).get(flag.replace("_", "-"), (None, False))
+            option, is_on = flags_of(kind).get(flag.replace("_", "-"), (None, False))
         else:
             option, is_on, equals, value = places.popleft() if places else None, False, "", ""
         if option is None:
@@ -222,7 +224,8 @@ def _values(kind: type, words: Sequence[str], command: str) -> dict[Names, Any]:
         if option.kind is bool and not equals:
             given[option.path] = is_on
             continue
-        found = _value(option, deque([value]) if equals else left)
+        attached = bool(equals) or option.note.of_options
+        found = _value(option, deque([value]) if equals else left, attached)
         if option.note.ordered:
             ordered.append((option.path[-1], found))
             found = (*given.get(option.path, ()), found)
@@ -231,12 +234,12 @@ def _values(kind: type, words: Sequence[str], command: str) -> dict[Names, Any]:
     return given
 
 
-def _value(option: Option, left: deque[str]) -> Any:
-    """Return the value that the next words are; they are taken out."""
+def _value(option: Option, left: deque[str], attached: bool) -> Any:
+    """Return the value that the next words are, which are taken out; what is attached may look like an option."""
     elements = option.elements
     count = len(left) if elements[-1] is Ellipsis else len(elements)
     words: list[str] = []
-    while left and len(words) < count and not _FLAG.fullmatch(left[0]):
+    while left and len(words) < count and (attached or not _FLAG.fullmatch(left[0])):
         word = left.popleft()
         if option.name == "up" and not words and AXIS.fullmatch(word):
             return vector_of_up(word)
@@ -274,6 +277,6 @@ def _metavar(kind: Any) -> str:
 
 def _refuse_unknown(word: str, kind: type, command: str) -> NoReturn:
     flag = word.partition("=")[0]
-    cure = did_you_mean(flag, _flags_of(kind)) if flag.startswith("--") else None
+    cure = did_you_mean(flag, flags_of(kind)) if flag.startswith("--") else None
     cure = cure or f"see gaussian-trimmer {command} --help."
     raise InputError(f"{clip_name(flag)} is not an option or argument of '{command}'; {cure}")

@@ -54,6 +54,8 @@ def fingerprint(
         "cameras": None if cameras is None else _cameras(cameras),
         "format": item.suffix,
         "background": item.background,
+        "html": item.html,
+        "placing": to_plain(item.placing),
         "config": to_plain(item.config),
         "renderer": item.renderer,
         "segmenter": item.segmenter,

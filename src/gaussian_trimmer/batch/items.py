@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from gaussian_trimmer import formats
+from gaussian_trimmer.commands.placing import PlacingOptions
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.io.names import safe_file_name
@@ -42,6 +43,10 @@ class Item:
     background: bool = True
     """Write the scene without the object too. It is nearly as large as the scene, for every object; labels.npz says
     which of the scene's Gaussians are in it."""
+    html: bool = False
+    """Also write report.html."""
+    placing: PlacingOptions = field(default_factory=PlacingOptions)
+    """How files for other programs are placed; by default none are written."""
     config: TrimConfig = field(default_factory=TrimConfig)
     segmenter: str = DEFAULT_SEGMENTER
     segmenter_options: Any = None
@@ -72,8 +77,8 @@ def check_items(items: Iterable[Item]) -> list[Item]:
     """The items with their names, after all checks that need no file to be opened.
 
     Raises:
-        InputError: there is no item, a setting is not possible, two items have the same name, or the folder of one
-            would lie in that of another.
+        InputError: there is no item, a setting is not possible, two items have the same name, the folder of one would
+            lie in that of another, or one is a whole scene of which another is a part.
     """
     checked: list[Item] = []
     known: set[int] = set()
@@ -90,6 +95,13 @@ def check_items(items: Iterable[Item]) -> list[Item]:
         if (first := numbers.setdefault(item.name.casefold(), number)) != number:  # some file systems fold cases
             raise InputError(
                 f"Items {first} and {number} are both named '{clip_name(item.name)}'; give each a name of its own."
+            )
+    selected = {item.scene: item.name for item in checked if item.selection is not None}
+    for number, item in enumerate(checked, 1):
+        if item.selection is None and item.scene in selected:
+            raise InputError(
+                f"Item {number}, '{clip_name(item.name)}', has no selection, while '{selected[item.scene]}' has one in "
+                "the same scene; say what it is, or leave the item out."
             )
     for name, number in numbers.items():
         for parent in map(str, PurePosixPath(name).parents):
@@ -131,6 +143,7 @@ def _check_settings(item: Item, known: set[int]) -> None:
             given = type(item.segmenter_options).__name__
             raise InputError(f"The segmenter '{item.segmenter}' takes no options of the type {given}.")
         check_settings(item.segmenter_options, item.segmenter)
+    check_settings(item.placing)
     if id(item.selection_options) not in known:
         check_settings(item.selection_options, "selection")
     if id(item.config) not in known:

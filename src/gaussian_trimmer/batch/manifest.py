@@ -27,10 +27,11 @@ from typing import Annotated, Any
 
 from gaussian_trimmer.batch.items import Item, default_name
 from gaussian_trimmer.cameras import vector_of_up
+from gaussian_trimmer.commands.placing import PlacingOptions
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.io.reading import is_file
 from gaussian_trimmer.io.writing import write_whole
-from gaussian_trimmer.options import arg, parse
+from gaussian_trimmer.options import arg, flags_of, parse
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.selection_files.object_ids import count_ids
 from gaussian_trimmer.selection_files.selection_file import open_selection
@@ -38,6 +39,14 @@ from gaussian_trimmer.trimming.trim_options import TrimOptions
 
 COLUMNS = ("scene", "selection", "labels", "objects", "name", "cameras", "up", "options")
 Row = Mapping[str, Any]
+_ELSEWHERE = {
+    **{f"--{name}": f"is the column '{name}'" for name in ("cameras", "labels", "objects")},
+    "--output": "is the column 'name', below --output of the batch",
+    "--overwrite": "is not needed: a batch replaces its own results",
+    "--json": "is an option of the batch itself",
+    "--quiet": "is an option of the batch itself",
+}
+"""Options of `trim` that a batch has in another way; it has none of what else is missing from `RowOptions`."""
 _MOST_TOLD = 8
 """Wrong rows that one message describes."""
 
@@ -47,6 +56,8 @@ class RowOptions(TrimOptions):
     """The options of a row: those of `trim` that concern a trim itself, and not where its files are."""
 
     selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
+    placing: Annotated[PlacingOptions, arg(name="")] = field(default_factory=PlacingOptions)
+    html: bool = False
 
 
 def read_manifest(path: str | Path, options: str = "") -> list[Item]:
@@ -68,7 +79,7 @@ def read_manifest(path: str | Path, options: str = "") -> list[Item]:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"'{path}' is not text in UTF-8 (byte {error.start}); save it as such.") from error
-    rows, items, wrong = _Rows(path.parent, _words(options)), list[Item](), list[str]()
+    rows, items, wrong = _Rows(path.parent, _common_options(options)), list[Item](), list[str]()
     for line, found in readers[path.suffix.lower()](text):
         try:
             items += rows.items_of(_row(found))
@@ -158,6 +169,8 @@ class _Rows:
             level=chosen.level,
             trust_paths=chosen.trust_paths,
             format=chosen.format,
+            html=chosen.html,
+            placing=chosen.placing,
             config=config if up is None else replace(config, up=up),
             segmenter=chosen.segmenter,
             segmenter_options=chosen.used_options(),
@@ -170,7 +183,7 @@ class _Rows:
     def _options_of(self, row: Row) -> RowOptions:
         words = (*self.options, *_words(row.get("options") or ""))
         if words not in self.known_options:
-            self.known_options[words] = parse(RowOptions, words, "trim")
+            self.known_options[words] = _row_options(words)
         return self.known_options[words]
 
     def _objects(self, item: Item, wanted: Any) -> list[Item]:
@@ -237,6 +250,29 @@ def _text(row: Row, name: str) -> str:
     if not isinstance(value, str):
         raise InputError(f"Its {name} is a {type(value).__name__}; give text.")
     return value.strip()
+
+
+def _common_options(options: str) -> tuple[str, ...]:
+    """Return the words of the options of all rows, of which it is said once if they are not possible."""
+    try:
+        words = _words(options)
+        _row_options(words)
+    except InputError as error:
+        raise InputError(f"--options: {error}") from error
+    return words
+
+
+def _row_options(words: tuple[str, ...]) -> RowOptions:
+    try:
+        return parse(RowOptions, words, "trim")
+    except InputError:
+        from gaussian_trimmer.commands.trim import Trim  # late: it is needed only for the message
+
+        flags = [word.partition("=")[0].replace("_", "-") for word in words]
+        for flag in flags:
+            if flag in flags_of(Trim) and flag not in flags_of(RowOptions):
+                raise InputError(f"{flag} {_ELSEWHERE.get(flag, 'is not for a batch')}; leave it out.") from None
+        raise
 
 
 def _words(options: Any) -> tuple[str, ...]:

@@ -37,6 +37,10 @@ class Outcome:
     """How many views were accepted, of how many."""
     refused: str = ""
     """Why the selection was returned unchanged; empty if it was trimmed."""
+    warnings: tuple[str, ...] = ()
+    """What may be wrong although it was trimmed, a sentence each."""
+    shrunk_side: str = ""
+    """What one of these says of a side from which much of the selection was taken; empty if none does."""
     up_confidence: float = 0.0
     seconds: float = 0.0
     """How long the trim took, without reading the scene."""
@@ -45,8 +49,13 @@ class Outcome:
     unwritten: bool = False
     """It failed because the output cannot be written, as on a full disk, and may be written by the next run."""
 
+    @property
+    def told(self) -> str:
+        """What there is to say of it: why it failed or was not trimmed, or what may be wrong."""
+        return self.message or self.refused or " ".join(self.warnings)
 
-_RESULT = ("fingerprint", "counts", "views", "refused", "up_confidence")
+
+_RESULT = ("fingerprint", "counts", "views", "refused", "warnings", "shrunk_side", "up_confidence")
 """What the `item.json` of a finished item says of its outcome: nothing that differs from run to run."""
 _COURSE = ("fingerprint", "message", "seconds")
 """What `records` say of how an item went; without a message it is done."""
@@ -75,15 +84,15 @@ class Store:
             self.write(f"records/{outcome.item.name}.json", json.dumps(told, indent=1) + "\n")
 
     @contextmanager
-    def result_folder(self, name: str, suffix: str, inputs: Iterable[Path]) -> Iterator[Path]:
+    def result_folder(self, item: Item, inputs: Iterable[Path]) -> Iterator[Path]:
         """Give a folder to write an item's files to; on success they are published whole.
 
         Raises:
             InputError: another run is writing this item, or it cannot be written.
         """
-        folder = self._root / "items" / name
+        folder, suffix = self._root / "items" / item.name, item.suffix
         folder.parent.mkdir(parents=True, exist_ok=True)
-        names = (*result_files(suffix), ITEM)
+        names = (*result_files(suffix, html=item.html), *item.placing.patterns(suffix), ITEM)
         whole: AbstractContextManager[Path] = atomic_folder(folder, RESULTS, names=names, inputs=inputs, overwrite=True)
         with whole as part:
             yield part
@@ -100,8 +109,14 @@ class Store:
         write_whole(path, text)
 
     def clean(self, name: str) -> None:
-        """Remove what a process that was killed has left beside the results of an item."""
-        remove_leftovers(self._root / "items" / name)
+        """Remove what a process that was killed has left of an item, or beside its results."""
+        folder = self._root / "items" / name
+        remove_leftovers(folder)
+        for place in (folder, *folder.parents):
+            if place == self._root:
+                break
+            with suppress(OSError):  # It holds results.
+                place.rmdir()
 
     def _finished(self, item: Item) -> Outcome | None:
         """Return what `item.json` says; None unless all files of the item are there, as large as they were written."""

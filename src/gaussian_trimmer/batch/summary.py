@@ -29,8 +29,8 @@ _CSS = (
 def look_first(outcome: Outcome) -> float:
     """How much an outcome should be looked at, from 0 to 3, which is a failure.
 
-    Of what was trimmed, the share of views that were rejected and that of the selection that changed count; what was
-    left as it was selected stands above all that.
+    Of what was trimmed, the share of views that were rejected and that of the selection that changed count, of which a
+    smaller side is a part; what else the trim warns of counts more, and most that it was left as it was selected.
     """
     if outcome.state != "done":
         return 3.0
@@ -38,7 +38,8 @@ def look_first(outcome: Outcome) -> float:
     rejected = 1 - accepted / views if views else 1.0
     changed = sum(outcome.counts.get(name, 0) for name in ("removed", "added"))
     share = min(1.0, changed / max(1, outcome.counts.get("selected", 0)))
-    return (2.0 if outcome.refused else 0.0) + 0.5 * rejected + 0.5 * share
+    doubtful = len(outcome.warnings) > bool(outcome.shrunk_side)
+    return (2.0 if outcome.refused else 1.0 if doubtful else 0.0) + 0.5 * rejected + 0.5 * share
 
 
 def write_summaries(store: Store, items: Sequence[Item], outcomes: Sequence[Outcome]) -> None:
@@ -76,7 +77,7 @@ def as_csv(outcomes: Sequence[Outcome]) -> str:
 def row_of(outcome: Outcome) -> dict[str, Any]:
     """Return a row of the table by its columns, as JSON holds it."""
     item = outcome.item
-    told = [item.name, outcome.state, round(look_first(outcome), 4), outcome.message or outcome.refused]
+    told = [item.name, outcome.state, round(look_first(outcome), 4), outcome.told]
     counts = [outcome.counts.get(name, "") for name in ("scene", *_COUNTS)]
     up, seconds = round(outcome.up_confidence, 4), round(outcome.seconds, 3) if outcome.seconds else ""
     inputs = [str(item.scene), str(item.selection or ""), outcome.fingerprint]
@@ -94,7 +95,7 @@ def as_html(outcomes: Sequence[Outcome]) -> str:
     counts = ", ".join(f"{states.count(state)} {state}" for state in ("done", "failed", "left") if state in states)
     lines = [
         f"<h1>{len(outcomes)} items: {counts}</h1>\n<p>The worst first: what failed, what was left as "
-        "it was selected, then by rejected views and by how much of the selection changed.</p>"
+        "it was selected, what the trim warns of, then by rejected views and by how much of the selection changed.</p>"
     ]
     shown = 0
     for outcome in outcomes:
@@ -118,7 +119,7 @@ def _row(outcome: Outcome, picture: str) -> str:
     views = f", views: {outcome.views[0]} of {outcome.views[1]}" if outcome.views[1] else ""
     return (
         f'<article class="{outcome.state}"><h2>{text(outcome.item.name)}</h2>{picture}<p>{outcome.state}, look first: '
-        f"{look_first(outcome):.2f}{views}. {text(outcome.message or outcome.refused)}</p>{numbers}</article>"
+        f"{look_first(outcome):.2f}{views}. {text(outcome.told)}</p>{numbers}</article>"
     )
 
 

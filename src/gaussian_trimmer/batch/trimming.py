@@ -25,6 +25,7 @@ from gaussian_trimmer.output.saving import write_trim
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters import get_segmenter
 from gaussian_trimmer.selecting.selection_input import read_selection_result
+from gaussian_trimmer.settings import to_plain
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.trimming.trim_options import views_of_masks
@@ -83,7 +84,7 @@ class ItemTrimmer:
                 store.clean(item.name)
                 return earlier
             gaussians, start, writing = scene.gaussians, time.perf_counter(), True
-            with store.result_folder(item.name, item.suffix, scene.input_files(item)) as folder:
+            with store.result_folder(item, scene.input_files(item)) as folder:
                 writing = False
                 if (told := store.earlier(item, mark)) is not None and told.state == "done":
                     raise _FinishedByAnotherRun(told)
@@ -185,10 +186,14 @@ def _write(result: TrimResult, item: Item, mark: str, folder: Path) -> Outcome:
         counts=report["counts"],
         views=(sum(view["accepted"] for view in report["views"]), len(report["views"])),
         refused=report["refused"] or "",
+        warnings=tuple(report["warnings"]),
+        shrunk_side=report["shrunk_side"] or "",
         up_confidence=report["up"]["confidence"],
         fingerprint=mark,
     )
-    write_trim(result, report, folder, item.suffix, background=item.background)
+    write_trim(result, report, folder, item.suffix, background=item.background, html=item.html)
+    if item.placing.wished:
+        item.placing.write(result, folder, item.suffix, background=item.background)
     write_finished(outcome, folder)
     return outcome
 
@@ -200,6 +205,7 @@ def _inputs(item: Item) -> dict[str, Any]:
         **{kind: path.replace("\\", "/").rpartition("/")[2] if path else None for kind, path in names.items()},
         "object_id": list(item.selection_options.object_id),
         "name": item.name,
+        "placing": to_plain(item.placing),
     }
 
 

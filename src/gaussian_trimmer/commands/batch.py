@@ -19,6 +19,7 @@ from gaussian_trimmer.batch.store import Outcome, Store
 from gaussian_trimmer.batch.summary import CSV, HTML, row_of, write_summaries
 from gaussian_trimmer.commands.console import PrintOptions
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.stop_signals import Stopped
 from gaussian_trimmer.options import Positional, arg
 
 
@@ -41,7 +42,7 @@ class Batch:
     """Tables of items, .csv or .jsonl, such as the batch.csv that 'objects' writes."""
     output: Annotated[Path, arg(metavar="DIR")] = Path("trimmed/batch")
     """Folder for the results."""
-    options: Annotated[str, arg(metavar="TEXT")] = ""
+    options: Annotated[str, arg(metavar="TEXT", of_options=True)] = ""
     """Options of 'gaussian-trimmer trim' for all items, such as "--views 7". A row's own options override them."""
     background: bool = True
     """Also write the scene without the object for every item. Each is nearly as large as its scene."""
@@ -59,7 +60,7 @@ class Batch:
         items = [replace(item, background=self.background) for item in items]
         store, outcomes = Store(self.output), list[Outcome]()
         live = console.status("") if console.is_terminal and not console.quiet else None
-        progress = _Progress(console, live)
+        progress = _Progress(console, live, len(items))
 
         def on_result(outcome: Outcome) -> None:
             outcomes.append(outcome)
@@ -73,6 +74,9 @@ class Batch:
                 with suppress(InputError):  # What stopped the batch is what should be reported.
                     write_summaries(store, items, outcomes)
             raise
+        except Stopped as signal:
+            said = f"Stopped after {len(outcomes)} of {progress.total} items; the same command goes on."
+            raise Stopped(*signal.args, said) from signal
         write_summaries(store, items, outcomes)
         self._report_end(console, outcomes)
 
@@ -99,6 +103,8 @@ class _Progress:
 
     console: Console
     live: RichStatus | None
+    total: int
+    """Number of items, of a shard if that is all of this run."""
     started: float = field(default_factory=time.monotonic)
     finished: list[str] = field(default_factory=list)
     """Items that this run has done since the last line."""
@@ -112,6 +118,7 @@ class _Progress:
 
     def show_status(self, status: Status) -> None:
         """Say how far the batch is, if that is farther than before."""
+        self.total = status.total
         line = _line(status, time.monotonic() - self.started)
         if self.live is not None:
             self.live.update(line)

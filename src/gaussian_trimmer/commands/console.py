@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -20,7 +19,8 @@ from rich.table import Table
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.io.manifest import earlier_results
-from gaussian_trimmer.planning.up_vector import SURE_CONFIDENCE, UpVector
+from gaussian_trimmer.output.result import title_of
+from gaussian_trimmer.planning.up_vector import UpVector
 from gaussian_trimmer.trimming.clock import LOG
 
 _STAGES = {
@@ -153,7 +153,8 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
 def print_up(console: Console, up: UpVector) -> None:
     """The up vector, where it comes from, and a warning where it is little more than a guess."""
     console.print(f"up: {_numbers(up.direction)} ({up.source}, confidence {up.confidence:.2f})")
-    print_doubt_about_up(console, {"direction": up.direction, "confidence": up.confidence})
+    if doubt := up.doubt():
+        console.print(doubt)
 
 
 def in_lengths(size: Float64Array) -> str:
@@ -161,28 +162,8 @@ def in_lengths(size: Float64Array) -> str:
     return " x ".join(f"{value:.2g}" for value in size)
 
 
-def print_doubt_about_up(console: Console, up: Mapping[str, Any]) -> None:
-    """Say what to do where the up vector, as a report has it, is little more than a guess."""
-    if up["confidence"] < SURE_CONFIDENCE:
-        console.print(_doubt_about_up(up["direction"]))
-
-
 def _numbers(direction: Iterable[float]) -> str:
     return " ".join(f"{value:.3f}" for value in direction)
-
-
-def _doubt_about_up(direction: Sequence[float] | Float64Array) -> str:
-    """What to do about an up vector that is a guess: the opposite one is the usual truth.
-
-    >>> _doubt_about_up([0, -1, 0])
-    'The up vector is a guess. If the views are upside down, give --up y; if they are tilted, try another axis.'
-    """
-    axis = int(np.argmax(np.abs(direction)))
-    sign = "-" if direction[axis] > 0 else ""
-    return (
-        f"The up vector is a guess. If the views are upside down, give --up {sign}{'xyz'[axis]}; if they are tilted, "
-        "try another axis."
-    )
 
 
 def print_refusal(report: Mapping[str, Any]) -> None:
@@ -193,10 +174,19 @@ def print_refusal(report: Mapping[str, Any]) -> None:
     _complain(f"Not trimmed. {reason[:1].upper()}{reason[1:]}. The selection was written unchanged.")
 
 
-def print_warnings(report: Mapping[str, Any]) -> None:
-    """Say on standard error, also to those who asked for quiet, what may be wrong."""
-    for sentence in report["warnings"]:
-        _complain(printable(sentence))
+def print_warnings(entries: Sequence[Mapping[str, Any]]) -> None:
+    """Say on standard error, also to those who asked for quiet, what may be wrong, and with which of several objects.
+
+    That a side is smaller, as it mostly should be, is in the summary.
+    """
+    found: dict[str, list[str]] = {}
+    for entry in entries:
+        for sentence in entry["warnings"]:
+            if sentence != f"{entry['shrunk_side']}.":
+                found.setdefault(sentence, []).append(title_of(entry["name"]))
+    for sentence, titles in found.items():
+        whose = "" if len(titles) == len(entries) else f"{', '.join(titles)}: "
+        _complain(printable(whose + sentence))
 
 
 def _complain(sentence: str) -> None:

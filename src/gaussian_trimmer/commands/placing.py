@@ -58,7 +58,7 @@ class PlacingOptions:
         ending = self._ending(suffix)
         return f"object{ending}", f"object_*{ending}", f"background{ending}", "object*_hull.obj", POSES
 
-    def write(self, result: TrimResult, folder: Path, suffix: str) -> list[str]:
+    def write(self, result: TrimResult, folder: Path, suffix: str, *, background: bool = True) -> list[str]:
         """Write objects and background of a trim into an existing folder; return the names of the files.
 
         Each object has its own foot at the origin, and a convex hull; the background has the foot of all objects
@@ -68,6 +68,7 @@ class PlacingOptions:
             result: the trim.
             folder: where to write.
             suffix: ending of the scene's own files, which those have that are for no program.
+            background: write the background too.
 
         Raises:
             InputError: a file cannot be written, or the format cannot hold the Gaussians.
@@ -83,7 +84,7 @@ class PlacingOptions:
             formats.write(placed, folder / name)
             (folder / hull).write_text(hull_as_obj(placed), encoding="utf-8")
             poses[name] = place.as_json(part.gaussians) | {"hull": hull}
-        if parts and len(result.background):
+        if background and parts and len(result.background):
             place = self.placement(concatenate([part.gaussians for part in parts]), up)
             formats.write(place.apply(result.background), folder / f"background{ending}")
             poses[f"background{ending}"] = place.as_json()
@@ -94,8 +95,9 @@ class PlacingOptions:
     def sentence(self, files: list[str], up: UpVector) -> str:
         """Return what to say of the files that were written."""
         said = f"For {ENGINES[self.engine].name}" if self.engine else "Placed"
-        known = "upright" if up.is_sure else "turned by a guess of which way is up: look, and give --up"
-        return f"{said}{f', {known}' if self.needs_up else ''}: {', '.join(files)}; {POSES} says where they lie."
+        turned = "" if self.engine is None else ", upright" if up.is_sure else ", upright if the up vector is right"
+        where = "they lie" if len(files) > 1 else "it lies"
+        return f"{said}{turned}: {', '.join(files)}; {POSES} says where {where}."
 
     def check_target(self, target: Path) -> None:
         """Refuse a file that the program does not read.

@@ -16,7 +16,6 @@ from gaussian_trimmer.cameras import Camera, CameraSet, up_frame, vector_of_up
 from gaussian_trimmer.commands.console import (
     PrintOptions,
     announce_compiling,
-    print_doubt_about_up,
     print_refusal,
     print_summary,
     print_warnings,
@@ -152,11 +151,8 @@ class TrimRun:
             _print_objects(console, report, taken)
         else:
             print_summary(console, report, taken)
-        if not all(entry["refused"] for entry in entries):
-            print_doubt_about_up(console, entries[0]["up"])
         self._say_where(console, report, said)
-        for entry in entries:
-            print_warnings(entry)
+        print_warnings(entries)
         self.results.printing.print_json(report, (self.folder, RESULTS))
         return NOTHING_TRIMMED if all(entry["refused"] for entry in entries) else 0
 

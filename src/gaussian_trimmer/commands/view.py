@@ -11,6 +11,7 @@ from gaussian_trimmer.app.serving import MOST_SHOWN, serving, wait
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.reading import is_file, is_folder
+from gaussian_trimmer.io.stop_signals import Stopped
 from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.settings import Range, check_settings
 
@@ -58,5 +59,8 @@ class View:
                 console.print("Press Ctrl-C to stop.")
             if self.browser:
                 app.open_browser()
-            wait()
+            try:
+                wait()
+            except Stopped as signal:  # as it always ends; what was saved meanwhile was said there
+                raise Stopped(*signal.args, "Stopped.") from signal
         return 0

@@ -5,10 +5,14 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
+
+written: list[Path] = []
+"""Files and folders that have been written whole since signals are raised, for whoever says that it was stopped."""
 
 
 class Stopped(KeyboardInterrupt):
-    """A signal, whose number is the argument, has asked the process to stop.
+    """A signal, whose number is the first argument, has asked the process to stop; a second says what that means.
 
     After a plain KeyboardInterrupt in `exec`, as in every dataclass, Python ends by SIGINT even if it was caught.
     """
@@ -24,6 +28,7 @@ def stop_signals_raised() -> Iterator[list[int]]:
     """
     received: list[int] = []
     before = {}
+    written.clear()
 
     def stop(number: int, frame: object) -> None:
         received.append(number)

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from gaussian_trimmer.errors import FolderInUseError, InputError, OutputExistsError
 from gaussian_trimmer.io.manifest import MANIFEST, earlier_results, files_in, has_size, listed_sizes, write_manifest
+from gaussian_trimmer.io.stop_signals import written
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,6 +48,8 @@ def atomic_file(path: Path) -> Iterator[Path]:
         part.touch(exist_ok=False)
         yield part
         part.replace(path)
+        if _STAGING not in path.parts:
+            written.append(path)
     except OSError as error:
         raise InputError(f"Cannot write '{path}': {error.strerror or error}.") from error
     finally:
@@ -142,6 +145,7 @@ def atomic_folder(
                 with _os_errors_reported(folder, "what was there is unchanged"):
                     write_manifest(staging / "new", kind, source)
                     _swap(target, earlier_results(target, kind) if overwrite else [])
+                    written.append(folder)
             finally:
                 _discard(staging)
     finally:

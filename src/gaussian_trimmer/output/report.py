@@ -72,6 +72,8 @@ def object_entries(report: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 def _describe_object(result: TrimResult, part: TrimmedObject, labels: LabelArray) -> dict[str, Any]:
     """What the report says of one object."""
     chosen = part.selected_rows
+    shrunk = shrunk_side(part, result.scene.means[chosen], labels[chosen] == 0)
+    doubts = [] if part.refused else [part.up.doubt(), shrunk and f"{shrunk}."]
     return {
         "up": {
             "direction": part.up.direction.tolist(),
@@ -93,11 +95,11 @@ def _describe_object(result: TrimResult, part: TrimmedObject, labels: LabelArray
             for view in part.views
         ],
         "checked": checked_sides(part, result.cameras).as_json(),
-        "shrunk_side": shrunk_side(part, result.scene.means[chosen], labels[chosen] == 0),
+        "shrunk_side": shrunk,
         "refused": part.refused or None,
         "not_fitted": part.not_fitted or None,
         "not_filled": part.not_filled or None,
-        "warnings": list(part.warnings),
+        "warnings": [*part.warnings, *filter(None, doubts)],
         "counts": _count_object(result, part, labels),
     }
 

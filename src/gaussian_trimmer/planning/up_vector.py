@@ -76,6 +76,21 @@ class UpVector:
         """Whether it need not be looked at."""
         return self.confidence >= SURE_CONFIDENCE
 
+    def doubt(self) -> str | None:
+        """Return what to do if it is little more than a guess, a sentence: the opposite is the usual truth.
+
+        >>> UpVector(np.array([0.0, -1, 0]), "default", 0.0).doubt()
+        'The up vector is a guess. If the views are upside down, give --up y; if they are tilted, try another axis.'
+        """
+        if self.is_sure:
+            return None
+        axis = int(np.argmax(np.abs(self.direction)))
+        sign = "-" if self.direction[axis] > 0 else ""
+        return (
+            f"The up vector is a guess. If the views are upside down, give --up {sign}{'xyz'[axis]}; if they are "
+            "tilted, try another axis."
+        )
+
 
 KNOWN_SOURCES = ("given", "camera file", "camera axes")
 """Where up vectors come from that a ground plane can contradict; other sources are the plane, or worse than it."""

@@ -66,7 +66,7 @@ def report_page(result: TrimResult, report: Mapping[str, Any]) -> str:
         legend=legend_of(result, report),
         floaters=sum(part.floaters for part in result.objects),
         counts=[(name.replace("_", " "), f"{number:,}") for name, number in report["counts"].items()],
-        times=[(name, f"{time:.2f} s") for name, time in report["seconds"].items()],
+        times=[(name, f"{time:.2f} s") for name, time in report.get("seconds", {}).items()],
         facts=list(_facts(report)),
         settings=list(_changed_settings(report["configuration"])),
         sentence_of=sentence_of,
