@@ -31,6 +31,22 @@ def manifest(folder, text, ending=".csv"):
     return path
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("scene;selection\na.ply;b.npy\n", "separated by commas"),
+        ("scene,labels\na.ply,ids.npy\n", "labels, but no objects"),
+    ],
+)
+def test_slips_of_manifests_are_named(text, said, tmp_path):
+    path = manifest(tmp_path, text)
+    with pytest.raises(InputError, match=said):
+        read_manifest(path)
+    path.rename(tmp_path / "batch.csv")
+    with pytest.raises(InputError, match=r"is a folder; give the manifest in it"):
+        read_manifest(tmp_path)
+
+
 def test_paths_may_be_paths():
     assert Item(Path("a/b.ply"), Path("c.npy")) == Item("a/b.ply", "c.npy")
 
@@ -106,7 +122,7 @@ def test_objects_of_labels_are_items(tmp_path):
         ('scene\n"a.ply\n', "unexpected end of data"),
         ("scene,selection,labels\na.ply,b,c\n", "line 2: It has both"),
         ("scene,objects\na.ply,3\n", "line 2: It has objects, but no labels"),
-        ("scene,labels\na.ply,b.npy\n", "line 2: The objects are"),
+        ("scene,labels\na.ply,b.npy\n", "line 2: It has labels, but no objects"),
         ("scene,labels,objects\na.ply,b.npy,x y\n", "The objects are 'x y'"),
         ("scene,labels,objects\na.ply,b.npy,3 3\n", "each id once"),
         ("scene,labels,objects,options\na.ply,b.npy,3,--selection.object-id 5\n", "leave --selection.object-id"),

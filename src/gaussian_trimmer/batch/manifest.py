@@ -39,6 +39,8 @@ from gaussian_trimmer.trimming.trim_options import TrimOptions
 
 COLUMNS = ("scene", "selection", "labels", "objects", "name", "cameras", "up", "options")
 Row = Mapping[str, Any]
+_USUAL_NAME = "batch.csv"
+"""The manifest that `objects` writes into its folder."""
 _ELSEWHERE = {
     **{f"--{name}": f"is the column '{name}'" for name in ("cameras", "labels", "objects")},
     "--output": "is the column 'name', below --output of the batch",
@@ -70,6 +72,8 @@ def read_manifest(path: str | Path, options: str = "") -> list[Item]:
         InputError: the file cannot be read, or a row is not possible; the message names the row.
     """
     path = Path(path)
+    if is_file(path / _USUAL_NAME):
+        raise InputError(f"'{path}' is a folder; give the manifest in it, '{path / _USUAL_NAME}'.")
     if not is_file(path):
         raise InputError(f"There is no manifest '{path}'.")
     readers = {".csv": _table, ".jsonl": _json_lines}
@@ -133,7 +137,8 @@ def _row(found: Any) -> Row:
     if row is found and (None in row or None in row.values()):
         raise InputError("It does not have as many columns as the first line.")
     if unknown := [name for name in row if name not in COLUMNS]:
-        raise InputError(f"'{clip_name(unknown[0])}' is not a column; known: {', '.join(COLUMNS)}.")
+        cure = " Cells are separated by commas." if set(unknown[0]) & set(";\t") else ""
+        raise InputError(f"'{clip_name(unknown[0])}' is not a column; known: {', '.join(COLUMNS)}.{cure}")
     return row
 
 
@@ -159,6 +164,8 @@ class _Rows:
             raise InputError("It has both a selection and labels; leave one out.")
         if labels is None and row.get("objects"):
             raise InputError("It has objects, but no labels; name the file with an id for every Gaussian as labels.")
+        if labels is not None and not row.get("objects"):
+            raise InputError("It has labels, but no objects; give the ids to trim, as in '3 5 7', or 'all'.")
         chosen, up = self._options_of(row), _up(row.get("up"))
         config = chosen.settings()
         item = Item(
