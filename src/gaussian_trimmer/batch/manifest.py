@@ -25,7 +25,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from gaussian_trimmer.batch.items import Item, default_name
+from gaussian_trimmer.batch.items import Item, default_name, has_whole_path
 from gaussian_trimmer.cameras import vector_of_up
 from gaussian_trimmer.commands.placing import PlacingOptions
 from gaussian_trimmer.errors import InputError, clip_name
@@ -39,6 +39,8 @@ from gaussian_trimmer.trimming.trim_options import TrimOptions
 
 COLUMNS = ("scene", "selection", "labels", "objects", "name", "cameras", "up", "options")
 Row = Mapping[str, Any]
+_USUAL_NAME = "batch.csv"
+"""The manifest that `objects` writes into its folder."""
 _ELSEWHERE = {
     **{f"--{name}": f"is the column '{name}'" for name in ("cameras", "labels", "objects")},
     "--output": "is the column 'name', below --output of the batch",
@@ -70,6 +72,8 @@ def read_manifest(path: str | Path, options: str = "") -> list[Item]:
         InputError: the file cannot be read, or a row is not possible; the message names the row.
     """
     path = Path(path)
+    if is_file(path / _USUAL_NAME):
+        raise InputError(f"'{path}' is a folder; give the manifest in it, '{path / _USUAL_NAME}'.")
     if not is_file(path):
         raise InputError(f"There is no manifest '{path}'.")
     readers = {".csv": _table, ".jsonl": _json_lines}
@@ -133,7 +137,8 @@ def _row(found: Any) -> Row:
     if row is found and (None in row or None in row.values()):
         raise InputError("It does not have as many columns as the first line.")
     if unknown := [name for name in row if name not in COLUMNS]:
-        raise InputError(f"'{clip_name(unknown[0])}' is not a column; known: {', '.join(COLUMNS)}.")
+        cure = " Cells are separated by commas." if set(unknown[0]) & set(";\t") else ""
+        raise InputError(f"'{clip_name(unknown[0])}' is not a column; known: {', '.join(COLUMNS)}.{cure}")
     return row
 
 
@@ -159,6 +164,8 @@ class _Rows:
             raise InputError("It has both a selection and labels; leave one out.")
         if labels is None and row.get("objects"):
             raise InputError("It has objects, but no labels; name the file with an id for every Gaussian as labels.")
+        if labels is not None and not row.get("objects"):
+            raise InputError("It has labels, but no objects; give the ids to trim, as in '3 5 7', or 'all'.")
         chosen, up = self._options_of(row), _up(row.get("up"))
         config = chosen.settings()
         item = Item(
@@ -213,9 +220,13 @@ class _Rows:
 
 
 def _name(row: Row, item: Item) -> str:
-    """The default name from the paths as they are written, so that it is the same wherever the manifest lies."""
+    """The default name from the paths as they are written, so that it is the same wherever the manifest lies.
+
+    Of whole paths it is left to `check_items`, which knows those of all items.
+    """
     written = [_text(row, name) for name in ("scene", "selection", "labels")]
-    return default_name(replace(item, scene=written[0], selection=written[1] or written[2] or None))
+    as_written = replace(item, scene=written[0], selection=written[1] or written[2] or None)
+    return "" if has_whole_path(as_written) else default_name(as_written)
 
 
 def _ids(wanted: Any) -> list[int]:

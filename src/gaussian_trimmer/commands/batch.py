@@ -91,9 +91,10 @@ class Batch:
         self.printing.print_json({"folder": str(self.output), "items": [row_of(outcome) for outcome in outcomes]})
         if failed:
             again = "" if any(outcome.fresh for outcome in failed) else "; --retry-failed tries them again"
+            why = f", since: {failed[0].message}" if console.quiet else "."  # else that has been printed
             raise InputError(
-                f"{len(failed)} of {len(outcomes)} items failed; the first: {failed[0].item.name}: "
-                f"{failed[0].message} All are in {self.output / CSV}{again}."
+                f"{len(failed)} of {len(outcomes)} items failed, the first is {failed[0].item.name}{why} All are in "
+                f"{self.output / CSV}{again}."
             )
 
 
