@@ -291,10 +291,13 @@ def test_progress(capsys):
     shown.show_outcome(outcome("z", fresh=False))
     shown.show_status(gt.batch.Status(total=10, done=4, failed=1, found=1))
     shown.show_status(gt.batch.Status(total=10, done=4, failed=1, found=1))
-    failed, done, *line = capsys.readouterr().out.splitlines()
+    shown.show_outcome(outcome("v", state="failed", message="it is, too"))
+    shown.show_status(gt.batch.Status(total=10, done=4, failed=2, found=1))
+    failed, done, line, *later = capsys.readouterr().out.splitlines()
     assert "x: it is\\x1b[31m broken" in failed
     assert "y, 1.2 s" in done
-    assert len(line) == 1 and "5 of 10 items, 1 failed, 1 from before" in line[0]
+    assert "5 of 10 items, 1 failed, 1 from before" in line
+    assert later[0] == "failed: v: it is, too" and later[1].startswith("6 of 10 items, 2 failed") and len(later) == 2
 
 
 def test_cells_of_the_table_are_no_formulas():
@@ -315,7 +318,7 @@ def test_the_worst_come_first():
         outcome("w", warnings=("It may be wrong.",)),
         outcome("c", views=(2, 5)),
         outcome("d", counts={"selected": 100, "removed": 30}, warnings=("A side.",), shrunk_side="A side"),
-        outcome("e"),
+        outcome("e", counts={"selected": 9, "kept": 6, "cut": 3, "removed": 0, "added": 2, "object": 15}),
     ]
     doubts = [look_first(entry) for entry in ordered]
     assert doubts == sorted(set(doubts), reverse=True)
@@ -324,6 +327,9 @@ def test_the_worst_come_first():
     assert "It may be wrong." in page and ",It may be wrong.," in as_csv(ordered)
     assert "&lt;broken&gt;" in page
     assert page.count("<img") == 5
+    assert (
+        "Of 9 selected, 6 kept, 3 cut, 0 removed; 2 added. The object has 15 Gaussians, with the parts of those" in page
+    )
 
 
 # Who does what

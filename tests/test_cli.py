@@ -476,6 +476,14 @@ def test_lines_of_a_summary_are_whole_where_there_is_no_terminal(ball, tmp_path,
     assert views.endswith("so none could be rejected")
 
 
+def test_up_has_no_negative_zero(ball, tmp_path, capsys):
+    folder, _, _ = ball
+    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path / "out", *SMALL]
+    assert run(*command, "--up", -1e-5, -1e-5, 1, "--html") == 0
+    assert "0.000 0.000 1.000 (given" in capsys.readouterr().out
+    assert "-0.000" not in (tmp_path / "out" / "report.html").read_text().split("up vector")[1][:100]
+
+
 def test_overview_names_every_command_and_the_version(capsys):
     assert run() == run("--help") == 0
     printed = capsys.readouterr().out

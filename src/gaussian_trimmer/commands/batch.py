@@ -108,12 +108,15 @@ class _Progress:
     """Number of items, of a shard if that is all of this run."""
     started: float = field(default_factory=time.monotonic)
     finished: list[str] = field(default_factory=list)
-    """Items that this run has done since the last line."""
+    """What is to be said of items that have ended since the last line."""
 
     def show_outcome(self, outcome: Outcome) -> None:
-        """Say that an item has failed, or remember that it is done."""
+        """Remember that an item has failed or is done; on a terminal, say the first at once."""
         if outcome.state == "failed":
-            self.console.print(f"failed: {outcome.item.name}: {outcome.message}")
+            line = f"failed: {outcome.item.name}: {outcome.message}"
+            if self.live is not None:
+                self.console.print(line)
+            self.finished.append(line)
         elif outcome.state == "done" and outcome.fresh:
             self.finished.append(f"done: {outcome.item.name}, {outcome.seconds:.1f} s")
 

@@ -166,7 +166,7 @@ def in_lengths(size: Float64Array) -> str:
 
 
 def _numbers(direction: Iterable[float]) -> str:
-    return " ".join(f"{value:.3f}" for value in direction)
+    return " ".join(f"{round(value, 3) + 0.0:.3f}" for value in direction)  # not -0.000
 
 
 def print_refusal(report: Mapping[str, Any]) -> None:
