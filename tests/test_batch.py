@@ -260,14 +260,16 @@ def test_the_command(copy, capsys):
     assert main(["batch", str(manifest), *arguments]) == 2
     told = capsys.readouterr()
     assert "failed: gone: There is no file" in told.out
-    assert "1 of 5 items failed; the first: gone" in told.err
+    assert "1 of 5 items failed, the first is gone. All are in" in told.err
     with (copy / "new" / "summary.csv").open() as file:
         table = [(row["name"], row["state"]) for row in csv.DictReader(file)]
     assert table[0] == ("gone", "failed")
     assert sorted(table[1:]) == [(f"s{s}-{k}", "done") for s in (0, 1) for k in (0, 1)]
     assert (copy / "new" / "records" / "gone.json").exists()
     assert main(["batch", str(manifest), *arguments, "--json"]) == 2
-    states = {row["name"]: row["state"] for row in json.loads(capsys.readouterr().out)["items"]}
+    told = capsys.readouterr()
+    assert "the first is gone, since: There is no file" in told.err
+    states = {row["name"]: row["state"] for row in json.loads(told.out)["items"]}
     assert states == dict(table)
     manifest.write_text(rows)
     assert main(["batch", str(manifest), *arguments]) == 0
@@ -289,10 +291,13 @@ def test_progress(capsys):
     shown.show_outcome(outcome("z", fresh=False))
     shown.show_status(gt.batch.Status(total=10, done=4, failed=1, found=1))
     shown.show_status(gt.batch.Status(total=10, done=4, failed=1, found=1))
-    failed, done, *line = capsys.readouterr().out.splitlines()
+    shown.show_outcome(outcome("v", state="failed", message="it is, too"))
+    shown.show_status(gt.batch.Status(total=10, done=4, failed=2, found=1))
+    failed, done, line, *later = capsys.readouterr().out.splitlines()
     assert "x: it is\\x1b[31m broken" in failed
     assert "y, 1.2 s" in done
-    assert len(line) == 1 and "5 of 10 items, 1 failed, 1 from before" in line[0]
+    assert "5 of 10 items, 1 failed, 1 from before" in line
+    assert later[0] == "failed: v: it is, too" and later[1].startswith("6 of 10 items, 2 failed") and len(later) == 2
 
 
 def test_cells_of_the_table_are_no_formulas():
@@ -313,7 +318,7 @@ def test_the_worst_come_first():
         outcome("w", warnings=("It may be wrong.",)),
         outcome("c", views=(2, 5)),
         outcome("d", counts={"selected": 100, "removed": 30}, warnings=("A side.",), shrunk_side="A side"),
-        outcome("e"),
+        outcome("e", counts={"selected": 9, "kept": 6, "cut": 3, "removed": 0, "added": 2, "object": 15}),
     ]
     doubts = [look_first(entry) for entry in ordered]
     assert doubts == sorted(set(doubts), reverse=True)
@@ -322,6 +327,9 @@ def test_the_worst_come_first():
     assert "It may be wrong." in page and ",It may be wrong.," in as_csv(ordered)
     assert "&lt;broken&gt;" in page
     assert page.count("<img") == 5
+    assert (
+        "Of 9 selected, 6 kept, 3 cut, 0 removed; 2 added. The object has 15 Gaussians, with the parts of those" in page
+    )
 
 
 # Who does what

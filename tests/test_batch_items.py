@@ -31,22 +31,6 @@ def manifest(folder, text, ending=".csv"):
     return path
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("scene;selection\na.ply;b.npy\n", "separated by commas"),
-        ("scene,labels\na.ply,ids.npy\n", "labels, but no objects"),
-    ],
-)
-def test_slips_of_manifests_are_named(text, said, tmp_path):
-    path = manifest(tmp_path, text)
-    with pytest.raises(InputError, match=said):
-        read_manifest(path)
-    path.rename(tmp_path / "batch.csv")
-    with pytest.raises(InputError, match=r"is a folder; give the manifest in it"):
-        read_manifest(tmp_path)
-
-
 def test_paths_may_be_paths():
     assert Item(Path("a/b.ply"), Path("c.npy")) == Item("a/b.ply", "c.npy")
 
@@ -57,8 +41,9 @@ def test_paths_may_be_paths():
         ([], "no items"),
         ([Item("a.ply", name="x"), Item("b.ply", name="X")], "Items 1 and 2 are both named 'X'"),
         ([Item("a.ply", name="x/y"), Item("b.ply", name="x")], "would lie in that of item 2"),
-        ([Item("a.ply", name="../x")], "cannot name a folder"),
-        ([Item("a.ply", name="/x")], "cannot name a folder"),
+        ([Item("a.ply", name="../x")], "cannot name a folder on every system, as 'x' can"),
+        ([Item("a.ply", name="/x")], "cannot name a folder on every system, as 'x' can"),
+        ([Item("a.ply", name="..")], "cannot name a folder on every system, as '_' can"),
         ([Item("a.ply", name="x/.hidden")], "cannot name a folder"),
         ([Item("a.ply", name="x/nul.txt")], "as 'x/_nul.txt' can"),
         (
@@ -122,7 +107,9 @@ def test_objects_of_labels_are_items(tmp_path):
         ('scene\n"a.ply\n', "unexpected end of data"),
         ("scene,selection,labels\na.ply,b,c\n", "line 2: It has both"),
         ("scene,objects\na.ply,3\n", "line 2: It has objects, but no labels"),
-        ("scene,labels\na.ply,b.npy\n", "line 2: It has labels, but no objects"),
+        ("scene;selection;cameras\na.ply;b.npy;c\n", r"'scene;selection;cameras' is not .* separated by commas\."),
+        ("scene,labels\na.ply,b.npy\n", "line 2: It has labels, but no objects; give the ids"),
+        ("scene,labels,objects\na.ply,b.npy,\n", "line 2: It has labels, but no objects; give the ids"),
         ("scene,labels,objects\na.ply,b.npy,x y\n", "The objects are 'x y'"),
         ("scene,labels,objects\na.ply,b.npy,3 3\n", "each id once"),
         ("scene,labels,objects,options\na.ply,b.npy,3,--selection.object-id 5\n", "leave --selection.object-id"),
@@ -151,6 +138,21 @@ def test_all_rows_that_are_not_possible_are_told_at_once(tmp_path):
     path = manifest(tmp_path, "scene,up,options\na.ply,w,\nb.ply,,\nc.ply,,--plan.sise 3\n" + "d.ply,w,\n" * 20)
     with pytest.raises(InputError, match=r"line 2.*line 4.*line 5.*14 more rows"):
         read_manifest(path)
+
+
+def test_the_manifest_in_a_folder_is_named(tmp_path):
+    manifest(tmp_path, "scene\na.ply\n").rename(tmp_path / "batch.csv")
+    with pytest.raises(InputError, match=r"is a folder; give the manifest in it, '.*/batch\.csv'\."):
+        read_manifest(tmp_path)
+
+
+def test_whole_paths_give_short_names(tmp_path):
+    data = [f"/data/{room}/scene.ply,/data/{room}/{thing}.npy" for room in ("a", "b") for thing in ("cup", "pot")]
+    path = manifest(tmp_path, "\n".join(["scene,selection", *data[:2], "c.ply,d.npy"]))
+    assert [item.name for item in check_items(read_manifest(path))] == ["cup", "pot", "c/d"]
+    path = manifest(tmp_path, "\n".join(["scene,selection", *data]))
+    assert [item.name for item in check_items(read_manifest(path))] == ["a/scene/cup", "a/scene/pot", "b/scene/cup",
+                                                                        "b/scene/pot"]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ["missing.csv", "known.txt"])

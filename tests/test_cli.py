@@ -1,6 +1,7 @@
 """The commands, run in this process as the terminal runs them."""
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -455,6 +456,32 @@ def test_labels_refuse_what_they_would_have_to_ignore(options, said, ball, tmp_p
     assert run(*command, *options) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_reader_that_has_seen_enough_is_no_error():
+    code = "import sys; from gaussian_trimmer.cli import main; sys.exit(main(['evaluate', '--help-all']))"
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run([sys.executable, "-c", code], stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+def test_lines_of_a_summary_are_whole_where_there_is_no_terminal(ball, tmp_path, capsys):
+    folder, _, _ = ball
+    assert run("trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path / "out", *SMALL) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == [line.rstrip() for line in lines]
+    (views,) = (line for line in lines if line.startswith("views"))
+    assert views.endswith("so none could be rejected")
+
+
+def test_up_has_no_negative_zero(ball, tmp_path, capsys):
+    folder, _, _ = ball
+    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path / "out", *SMALL]
+    assert run(*command, "--up", -1e-5, -1e-5, 1, "--html") == 0
+    assert "0.000 0.000 1.000 (given" in capsys.readouterr().out
+    assert "-0.000" not in (tmp_path / "out" / "report.html").read_text().split("up vector")[1][:100]
 
 
 def test_overview_names_every_command_and_the_version(capsys):

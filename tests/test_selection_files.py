@@ -274,3 +274,10 @@ def test_tables_are_no_lists(tmp_path: Path) -> None:
         load_selection(tmp_path / "a.csv", scene)
     (tmp_path / "a.csv").write_text("rows of the mug\n5\n7\n")
     assert np.flatnonzero(load_selection(tmp_path / "a.csv", scene)).tolist() == [5, 7]
+
+
+def test_of_many_ids_a_message_lists_the_objects_with_most_gaussians(tmp_path):
+    path = save(tmp_path / "ids.npy", np.repeat(np.arange(12), [50, *range(1, 12)]))
+    said = r"of object 99; its ids \(Gaussians\): 11 \(11\), 10 \(10\),.* 4 \(4\) and 3 more"
+    with pytest.raises(InputError, match=said):
+        load_selection(path, make_scene(116), SelectionOptions("labels", (99,)))

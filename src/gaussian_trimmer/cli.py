@@ -22,6 +22,8 @@ PROGRAM = "gaussian-trimmer"
 USER_ERROR, INTERRUPTED, STOPPED_BY = 2, 130, 128
 """Exit codes; that of a run which a signal stopped is 128 and the signal's number, as shells have it. `Command.run` may
 return others."""
+_SIGPIPE = 13
+"""Its number; Windows has no such signal."""
 _MESSAGE_LENGTH = 1000
 
 
@@ -60,11 +62,17 @@ def _run(arguments: Sequence[str]) -> int:
     with warnings.catch_warnings():
         if not sys.warnoptions:
             warnings.simplefilter("ignore")  # Warnings of libraries tell a user nothing; `python -W` shows them.
-        return _dispatch(arguments)
+        code = _dispatch(arguments)
+        print(end="", flush=True)  # what cannot be written is an error here, and not when Python ends
+        return code
 
 
 def _explain(error: BaseException) -> int:
     """Print what the user can mend, and raise the rest again."""
+    if isinstance(error, BrokenPipeError):  # such as of `| head`, which has seen enough
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains when it ends
+        return STOPPED_BY + _SIGPIPE
     message = user_message(error)
     if message is None:
         raise error

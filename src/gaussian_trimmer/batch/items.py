@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -85,11 +85,12 @@ def check_items(items: Iterable[Item]) -> list[Item]:
     for number, item in enumerate(items, 1):
         try:
             _check_settings(item, known)
-            checked.append(replace(item, name=_checked_name(item.name or default_name(item))))
+            checked.append(replace(item, name=_checked_name(item.name)) if item.name else item)
         except InputError as error:
             raise InputError(f"Item {number}: {error}") from error
     if not checked:
         raise InputError("The batch has no items.")
+    checked = _named(checked)
     numbers: dict[str, int] = {}
     for number, item in enumerate(checked, 1):
         if (first := numbers.setdefault(item.name.casefold(), number)) != number:  # some file systems fold cases
@@ -131,6 +132,28 @@ def default_name(item: Item) -> str:
     return "/".join([*scene, "-".join([*own[common:], *ids])])
 
 
+def has_whole_path(item: Item) -> bool:
+    """Return whether an item's scene or selection is given from the root of the file system on."""
+    return any(path is not None and Path(path).is_absolute() for path in (item.scene, item.selection))
+
+
+def _named(items: Sequence[Item]) -> list[Item]:
+    """Return items with names; whole paths give as many last parts of their default names as tell all of them apart.
+
+    >>> [item.name for item in _named([Item("/data/a/scene.ply", "/data/a/mug.npy"), Item("a.ply", "b.npy")])]
+    ['mug', 'a/b']
+    """
+    names = {n: default_name(item).split("/") for n, item in enumerate(items) if not item.name}
+    whole = {n: parts for n, parts in names.items() if has_whole_path(items[n])}
+    different = len({tuple(parts) for parts in whole.values()})
+    longest = max(map(len, whole.values()), default=0)
+    kept = next(
+        (k for k in range(1, longest) if len({tuple(parts[-k:]) for parts in whole.values()}) == different), longest
+    )
+    names |= {n: parts[-kept:] for n, parts in whole.items()}
+    return [replace(item, name="/".join(names[n])) if n in names else item for n, item in enumerate(items)]
+
+
 def _check_settings(item: Item, known: set[int]) -> None:
     """Refuse settings that are not possible; `known` are the ids of those that are, as many items share them."""
     if item.segmenter not in SEGMENTERS:
@@ -153,7 +176,8 @@ def _check_settings(item: Item, known: set[int]) -> None:
 
 
 def _checked_name(name: str) -> str:
-    possible = "/".join(safe_file_name(part, _PUNCTUATION) for part in name.split("/"))
+    parts = [part for part in name.split("/") if part not in ("", ".", "..")]
+    possible = "/".join(safe_file_name(part, _PUNCTUATION) for part in parts or ["_"])
     if name != possible:
         raise InputError(
             f"The name '{clip_name(name)}' cannot name a folder on every system, as '{clip_name(possible)}' can."

@@ -25,7 +25,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from gaussian_trimmer.batch.items import Item, default_name
+from gaussian_trimmer.batch.items import Item, default_name, has_whole_path
 from gaussian_trimmer.cameras import vector_of_up
 from gaussian_trimmer.commands.placing import PlacingOptions
 from gaussian_trimmer.errors import InputError, clip_name
@@ -220,9 +220,13 @@ class _Rows:
 
 
 def _name(row: Row, item: Item) -> str:
-    """The default name from the paths as they are written, so that it is the same wherever the manifest lies."""
+    """The default name from the paths as they are written, so that it is the same wherever the manifest lies.
+
+    Of whole paths it is left to `check_items`, which knows those of all items.
+    """
     written = [_text(row, name) for name in ("scene", "selection", "labels")]
-    return default_name(replace(item, scene=written[0], selection=written[1] or written[2] or None))
+    as_written = replace(item, scene=written[0], selection=written[1] or written[2] or None)
+    return "" if has_whole_path(as_written) else default_name(as_written)
 
 
 def _ids(wanted: Any) -> list[int]:

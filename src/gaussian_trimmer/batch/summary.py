@@ -11,6 +11,7 @@ from urllib.parse import quote
 from gaussian_trimmer.batch.items import Item
 from gaussian_trimmer.batch.store import Outcome, Store
 from gaussian_trimmer.output.html.document import document, text
+from gaussian_trimmer.output.html.report_page import sentence_of
 
 CSV, HTML = "summary.csv", "summary.html"
 _COUNTS = ("selected", "object", "kept", "cut", "removed", "discarded", "added")
@@ -110,12 +111,9 @@ def as_html(outcomes: Sequence[Outcome]) -> str:
 
 def _row(outcome: Outcome, picture: str) -> str:
     counts = outcome.counts
-    numbers = (
-        f"<p>{counts.get('selected', 0):,} Gaussians selected, {counts.get('object', 0):,} in the object; "
-        f"{counts.get('removed', 0):,} removed, {counts.get('added', 0):,} added</p>"
-        if counts
-        else ""
-    )
+    known = {"selected": 0, "added": 0, "object": 0} | counts
+    whole = f"{sentence_of(known)}. The object has {known['object']:,} Gaussians, with the parts of those cut."
+    numbers = f"<p>{whole}</p>" if counts else ""
     views = f", views: {outcome.views[0]} of {outcome.views[1]}" if outcome.views[1] else ""
     return (
         f'<article class="{outcome.state}"><h2>{text(outcome.item.name)}</h2>{picture}<p>{outcome.state}, look first: '

@@ -91,9 +91,10 @@ class Batch:
         self.printing.print_json({"folder": str(self.output), "items": [row_of(outcome) for outcome in outcomes]})
         if failed:
             again = "" if any(outcome.fresh for outcome in failed) else "; --retry-failed tries them again"
+            why = f", since: {failed[0].message}" if console.quiet else "."  # else that has been printed
             raise InputError(
-                f"{len(failed)} of {len(outcomes)} items failed; the first: {failed[0].item.name}: "
-                f"{failed[0].message} All are in {self.output / CSV}{again}."
+                f"{len(failed)} of {len(outcomes)} items failed, the first is {failed[0].item.name}{why} All are in "
+                f"{self.output / CSV}{again}."
             )
 
 
@@ -107,12 +108,15 @@ class _Progress:
     """Number of items, of a shard if that is all of this run."""
     started: float = field(default_factory=time.monotonic)
     finished: list[str] = field(default_factory=list)
-    """Items that this run has done since the last line."""
+    """What is to be said of items that have ended since the last line."""
 
     def show_outcome(self, outcome: Outcome) -> None:
-        """Say that an item has failed, or remember that it is done."""
+        """Remember that an item has failed or is done; on a terminal, say the first at once."""
         if outcome.state == "failed":
-            self.console.print(f"failed: {outcome.item.name}: {outcome.message}")
+            line = f"failed: {outcome.item.name}: {outcome.message}"
+            if self.live is not None:
+                self.console.print(line)
+            self.finished.append(line)
         elif outcome.state == "done" and outcome.fresh:
             self.finished.append(f"done: {outcome.item.name}, {outcome.seconds:.1f} s")
 

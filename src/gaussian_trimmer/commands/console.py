@@ -6,6 +6,7 @@ import json
 import logging
 import os
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,7 +15,6 @@ from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Float64Array
@@ -117,37 +117,40 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
     """Counts, views, up vector and time of a finished trim, from its report."""
     counts, up = report["counts"], report["up"]
     accepted = sum(view["accepted"] for view in report["views"])
-    table = Table.grid(padding=(0, 2))
-    table.add_row("selected", f"{counts['selected']:,} of {counts['scene']:,} Gaussians; of these:")
-    table.add_row("  kept", f"{counts['kept']:,}")
+    rows = [("selected", f"{counts['selected']:,} of {counts['scene']:,} Gaussians; of these:")]
+    rows.append(("  kept", f"{counts['kept']:,}"))
     if counts["cut"]:
         split = f", {counts['split']:,} of them split with the background" if counts["split"] else ""
-        table.add_row("  cut", f"{counts['cut']:,} at the outline{split}")
+        rows.append(("  cut", f"{counts['cut']:,} at the outline{split}"))
     floaters = f", {counts['floaters']:,} of them far away" if counts["floaters"] else ""
-    table.add_row("  removed", f"{counts['removed']:,}{floaters}")
+    rows.append(("  removed", f"{counts['removed']:,}{floaters}"))
     if report["shrunk_side"]:
-        table.add_row("  smaller by", report["shrunk_side"])
+        rows.append(("  smaller by", report["shrunk_side"]))
     if counts["discarded"]:
-        table.add_row("  discarded", f"{counts['discarded']:,}, in neither file")
-    table.add_row("added", f"{counts['added']:,} that the selection had missed")
+        rows.append(("  discarded", f"{counts['discarded']:,}, in neither file"))
+    rows.append(("added", f"{counts['added']:,} that the selection had missed"))
     if counts["fitted"]:
-        table.add_row("fitted", f"{counts['fitted']:,} at the outline")
+        rows.append(("fitted", f"{counts['fitted']:,} at the outline"))
     elif report["not_fitted"]:
-        table.add_row("not fitted", report["not_fitted"])
+        rows.append(("not fitted", report["not_fitted"]))
     if counts["hidden"]:
-        table.add_row("background", f"{counts['hidden']:,} hidden Gaussians discarded")
+        rows.append(("background", f"{counts['hidden']:,} hidden Gaussians discarded"))
     if counts["filled"]:
         relit = f"; shadow removed from {counts['relit']:,}" if counts["relit"] else ""
-        table.add_row("filled in", f"{counts['filled']:,} new Gaussians where the object stood{relit}")
+        rows.append(("filled in", f"{counts['filled']:,} new Gaussians where the object stood{relit}"))
     elif report["not_filled"]:
-        table.add_row("not filled in", report["not_filled"])
+        rows.append(("not filled in", report["not_filled"]))
     judged = all(view["judged"] for view in report["views"])
     own_masks = "; their masks follow the selection, so none could be rejected"
-    table.add_row("views", f"{accepted} of {len(report['views'])} used{'' if judged else own_masks}")
-    table.add_row("sides", report["checked"]["sentence"])
-    table.add_row("up", f"{_numbers(up['direction'])} ({up['source']}, confidence {up['confidence']:.2f})")
-    table.add_row("time", f"{seconds:.1f} s")
-    console.print(table)
+    rows.append(("views", f"{accepted} of {len(report['views'])} used{'' if judged else own_masks}"))
+    rows.append(("sides", report["checked"]["sentence"]))
+    rows.append(("up", f"{_numbers(up['direction'])} ({up['source']}, confidence {up['confidence']:.2f})"))
+    rows.append(("time", f"{seconds:.1f} s"))
+    column = 2 + max(len(name) for name, _ in rows)
+    width = max(console.width, 2 * column) if console.is_terminal else sys.maxsize  # a file has no edge
+    for name, value in rows:
+        further = " " * column
+        console.print(textwrap.fill(value, width, initial_indent=name.ljust(column), subsequent_indent=further))
 
 
 def print_up(console: Console, up: UpVector) -> None:
@@ -163,7 +166,7 @@ def in_lengths(size: Float64Array) -> str:
 
 
 def _numbers(direction: Iterable[float]) -> str:
-    return " ".join(f"{value:.3f}" for value in direction)
+    return " ".join(f"{round(value, 3) + 0.0:.3f}" for value in direction)  # not -0.000
 
 
 def print_refusal(report: Mapping[str, Any]) -> None:

@@ -26,7 +26,7 @@ class SceneInputs:
     """A scene, and the cameras that it was trained with."""
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
-    """Splat file of the scene, or the folder of a training. 'trim' also takes that of an object alone."""
+    """Splat file of the scene, or the folder of a training."""
     cameras: Annotated[Path | None, arg(metavar="PATH")] = None
     """Training cameras: a COLMAP folder, transforms.json or cameras.json. They tell which way is up, and from which
     sides the object was observed."""

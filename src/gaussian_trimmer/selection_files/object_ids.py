@@ -15,17 +15,20 @@ from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.selection_files.selection_file import flag
 
 _LISTED = 24
+_LISTED_IN_MESSAGES = 8
 
 
-def list_ids(ids: Sequence[int], counts: Sequence[int]) -> str:
-    """Return ids with their numbers of Gaussians, the most frequent ones if there are many.
+def list_ids(ids: Sequence[int], counts: Sequence[int], most: int = _LISTED) -> str:
+    """Return ids with their numbers of Gaussians; if there are many, those with most of them, in this order.
 
-    >>> list_ids([0, 3], [90, 10])
-    '0 (90), 3 (10)'
+    >>> list_ids([0, 3], [10, 90])
+    '0 (10), 3 (90)'
+    >>> list_ids([1, 2, 3], [5, 10, 90], most=2)
+    '3 (90), 2 (10) and 1 more, with fewer'
     """
-    frequent = sorted(sorted(range(len(ids)), key=lambda i: -counts[i])[:_LISTED])
-    left_out = f" and {len(ids) - _LISTED} more ids" if len(ids) > _LISTED else ""
-    return ", ".join(f"{ids[i]} ({counts[i]})" for i in frequent) + left_out
+    listed = range(len(ids)) if len(ids) <= most else sorted(range(len(ids)), key=lambda i: -counts[i])[:most]
+    left_out = f" and {len(ids) - most} more, with fewer" if len(ids) > most else ""
+    return ", ".join(f"{ids[i]} ({counts[i]})" for i in listed) + left_out
 
 
 def list_names(names: Iterable[str]) -> str:
@@ -61,13 +64,14 @@ def select_ids(labels: NDArray[Any], wanted: Sequence[int], path: Path) -> BoolA
 
 
 def check_ids(wanted: Sequence[int], ids: Sequence[int], counts: Sequence[int], path: Path) -> None:
-    """Refuse a choice of nothing, or of ids that no Gaussian has; the message lists what there is.
+    """Refuse a choice of nothing, or of ids that no Gaussian has; the message lists the objects that there are.
 
     Raises:
         InputError: no id is wanted, or one does not occur.
     """
     present = {i: count for i, count in zip(ids, counts, strict=True) if count}
-    listing = list_ids(list(present), list(present.values())) or "none"
+    objects = {i: n for i, n in present.items() if i > 0 or len(present) <= _LISTED_IN_MESSAGES}  # 0 is mostly none
+    listing = list_ids(list(objects), list(objects.values()), _LISTED_IN_MESSAGES) or "none"
     if not wanted:
         raise InputError(
             f"'{path.name}' holds several objects; choose with {flag('object_id')}, or trim several with --labels, "

@@ -123,7 +123,7 @@ def _facts(report: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
     yield from ((name, value) for name, value in _flat(report["inputs"]) if value not in (None, [], (), {}))
     if "up" in report:
         up = report["up"]
-        direction = " ".join(f"{value:.3f}" for value in up["direction"])
+        direction = " ".join(f"{round(value, 3) + 0.0:.3f}" for value in up["direction"])  # not -0.000
         yield "up vector", f"{direction} ({up['source']}, confidence {up['confidence']:.2f})"
     yield from ((name, report[name]) for name in ("segmenter", "renderer", "version"))
 
