@@ -19,7 +19,6 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.io.manifest import earlier_results
-from gaussian_trimmer.output.result import title_of
 from gaussian_trimmer.planning.up_vector import UpVector
 from gaussian_trimmer.trimming.clock import LOG
 
@@ -182,6 +181,8 @@ def print_warnings(entries: Sequence[Mapping[str, Any]]) -> None:
 
     That a side is smaller, as it mostly should be, is in the summary.
     """
+    from gaussian_trimmer.output.result import title_of  # late: other commands print without the trimmer
+
     found: dict[str, list[str]] = {}
     for entry in entries:
         for sentence in entry["warnings"]:
