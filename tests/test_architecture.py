@@ -45,7 +45,6 @@ each is one file, also from each other."""
 
 EXCEPTIONS = {
     ("selection_files", "formats"): "a splat file can be a selection: its rows are read with the scene's own reader",
-    ("batch", "commands"): "a row of a manifest has options of `trim`, which are written once, beside the command",
     ("selecting", "finding"): "a click in a large capture means what the finder sees at one point",
 }
 """Imports between rooms that the layers would forbid, with the reason."""

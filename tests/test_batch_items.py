@@ -11,7 +11,7 @@ import pytest
 from gaussian_trimmer.batch import Item, read_manifest
 from gaussian_trimmer.batch.fingerprints import fingerprint
 from gaussian_trimmer.batch.items import check_items
-from gaussian_trimmer.batch.manifest import RowOptions
+from gaussian_trimmer.batch.manifest import ELSEWHERE, RowOptions
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.cli import main
 from gaussian_trimmer.commands.mark_options import MarkOptions
@@ -212,6 +212,7 @@ def test_the_page_lists_what_a_batch_has_in_another_way_or_not_at_all():
     missing -= {option.name for option in options_of(RowOptions)}
     marks = {option.name for option in options_of(MarkOptions)}
     assert not [name for name in missing - marks if f"`--{name}`" not in page]
+    assert {f"--{name}" for name in missing} == set(ELSEWHERE)
 
 
 def test_rows_with_options_of_their_own_take_little_work(tmp_path):

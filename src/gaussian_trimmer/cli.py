@@ -42,7 +42,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 code = _run(sys.argv[1:] if arguments is None else list(arguments))
             except BaseException as error:
                 # Whatever follows a signal follows from it.
-                code = _say_stopped(error, written) if signals else _explain(error)
+                if not signals:
+                    return _explain(error)
+                _say_stopped(error, written())
             return STOPPED_BY + signals[0] if signals else code
     except KeyboardInterrupt as stopped:  # before or after what stands above takes the signals
         return STOPPED_BY + stopped.args[0] if stopped.args else INTERRUPTED
@@ -80,13 +82,12 @@ def _explain(error: BaseException) -> int:
     return USER_ERROR
 
 
-def _say_stopped(error: BaseException, written: Sequence[object]) -> int:
+def _say_stopped(error: BaseException, written: Sequence[object]) -> None:
     """Say that a signal has stopped the command, and what it has written; what the error says comes first."""
     left = f"{', '.join(map(str, written))} had been written." if written else "nothing was written."
     said = error.args[1] if len(error.args) > 1 and isinstance(error, KeyboardInterrupt) else f"Stopped; {left}"
     with suppress(OSError):  # the terminal may be gone
         print(f"{PROGRAM}: {printable(said, _MESSAGE_LENGTH)}", file=sys.stderr)
-    return 0
 
 
 def _dispatch(arguments: Sequence[str]) -> int:

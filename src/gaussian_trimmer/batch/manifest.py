@@ -27,11 +27,11 @@ from typing import Annotated, Any
 
 from gaussian_trimmer.batch.items import Item, default_name, has_whole_path
 from gaussian_trimmer.cameras import vector_of_up
-from gaussian_trimmer.commands.placing import PlacingOptions
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.io.reading import is_file
 from gaussian_trimmer.io.writing import write_whole
-from gaussian_trimmer.options import arg, flags_of, parse
+from gaussian_trimmer.options import arg, parse
+from gaussian_trimmer.output.placing import PlacingOptions
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.selection_files.object_ids import count_ids
 from gaussian_trimmer.selection_files.selection_file import open_selection
@@ -39,16 +39,23 @@ from gaussian_trimmer.trimming.trim_options import TrimOptions
 
 COLUMNS = ("scene", "selection", "labels", "objects", "name", "cameras", "up", "options")
 Row = Mapping[str, Any]
-_USUAL_NAME = "batch.csv"
+FOUND_OBJECTS = "batch.csv"
 """The manifest that `objects` writes into its folder."""
-_ELSEWHERE = {
+ELSEWHERE = {
     **{f"--{name}": f"is the column '{name}'" for name in ("cameras", "labels", "objects")},
     "--output": "is the column 'name', below --output of the batch",
     "--overwrite": "is not needed: a batch replaces its own results",
     "--json": "is an option of the batch itself",
     "--quiet": "is an option of the batch itself",
-}
-"""Options of `trim` that a batch has in another way; it has none of what else is missing from `RowOptions`."""
+    **dict.fromkeys(
+        ("--exclude", "--photos", "--export-viewer", "--viewer-part", "--log-level", "--coordinates", "--view",
+         "--view-index", "--click", "--box", "--box3d", "--sphere", "--plane", "--remove-click", "--remove-box",
+         "--remove-box3d", "--remove-sphere", "--remove-plane", "--intersect-box3d", "--intersect-sphere",
+         "--intersect-plane", "--add", "--subtract", "--intersect", "--grow", "--shrink"),
+        "is not for a batch",
+    ),
+}  # fmt: skip
+"""Options of `trim` that are none of `RowOptions`: where a batch has them, if it does."""
 _MOST_TOLD = 8
 """Wrong rows that one message describes."""
 
@@ -72,8 +79,8 @@ def read_manifest(path: str | Path, options: str = "") -> list[Item]:
         InputError: the file cannot be read, or a row is not possible; the message names the row.
     """
     path = Path(path)
-    if is_file(path / _USUAL_NAME):
-        raise InputError(f"'{path}' is a folder; give the manifest in it, '{path / _USUAL_NAME}'.")
+    if is_file(path / FOUND_OBJECTS):
+        raise InputError(f"'{path}' is a folder; give the manifest in it, '{path / FOUND_OBJECTS}'.")
     if not is_file(path):
         raise InputError(f"There is no manifest '{path}'.")
     readers = {".csv": _table, ".jsonl": _json_lines}
@@ -277,12 +284,10 @@ def _row_options(words: tuple[str, ...]) -> RowOptions:
     try:
         return parse(RowOptions, words, "trim")
     except InputError:
-        from gaussian_trimmer.commands.trim import Trim  # late: it is needed only for the message
-
-        flags = [word.partition("=")[0].replace("_", "-") for word in words]
-        for flag in flags:
-            if flag in flags_of(Trim) and flag not in flags_of(RowOptions):
-                raise InputError(f"{flag} {_ELSEWHERE.get(flag, 'is not for a batch')}; leave it out.") from None
+        for word in words:
+            flag = word.partition("=")[0].replace("_", "-")
+            if where := ELSEWHERE.get(flag.replace("--no-", "--", 1)):
+                raise InputError(f"{flag} {where}; leave it out.") from None
         raise
 
 

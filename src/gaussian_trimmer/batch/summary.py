@@ -12,6 +12,7 @@ from gaussian_trimmer.batch.items import Item
 from gaussian_trimmer.batch.store import Outcome, Store
 from gaussian_trimmer.output.html.document import document, text
 from gaussian_trimmer.output.html.report_page import sentence_of
+from gaussian_trimmer.output.report import alerts
 
 CSV, HTML = "summary.csv", "summary.html"
 _COUNTS = ("selected", "object", "kept", "cut", "removed", "discarded", "added")
@@ -39,8 +40,8 @@ def look_first(outcome: Outcome) -> float:
     rejected = 1 - accepted / views if views else 1.0
     changed = sum(outcome.counts.get(name, 0) for name in ("removed", "added"))
     share = min(1.0, changed / max(1, outcome.counts.get("selected", 0)))
-    doubtful = len(outcome.warnings) > bool(outcome.shrunk_side)
-    return (2.0 if outcome.refused else 1.0 if doubtful else 0.0) + 0.5 * rejected + 0.5 * share
+    doubtful = 2.0 if outcome.refused else 1.0 if alerts(outcome.warnings, outcome.shrunk_side) else 0.0
+    return doubtful + 0.5 * rejected + 0.5 * share
 
 
 def write_summaries(store: Store, items: Sequence[Item], outcomes: Sequence[Outcome]) -> None:

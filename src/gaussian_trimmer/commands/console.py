@@ -19,7 +19,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.io.manifest import earlier_results
-from gaussian_trimmer.planning.up_vector import UpVector
+from gaussian_trimmer.planning.up_vector import UpVector, up_text
 from gaussian_trimmer.trimming.clock import LOG
 
 _STAGES = {
@@ -114,7 +114,7 @@ def progress_over_stages(console: Console) -> Iterator[Callable[[str], None]]:
 
 def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -> None:
     """Counts, views, up vector and time of a finished trim, from its report."""
-    counts, up = report["counts"], report["up"]
+    counts = report["counts"]
     accepted = sum(view["accepted"] for view in report["views"])
     rows = [("selected", f"{counts['selected']:,} of {counts['scene']:,} Gaussians; of these:")]
     rows.append(("  kept", f"{counts['kept']:,}"))
@@ -143,7 +143,7 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
     own_masks = "; their masks follow the selection, so none could be rejected"
     rows.append(("views", f"{accepted} of {len(report['views'])} used{'' if judged else own_masks}"))
     rows.append(("sides", report["checked"]["sentence"]))
-    rows.append(("up", f"{_numbers(up['direction'])} ({up['source']}, confidence {up['confidence']:.2f})"))
+    rows.append(("up", up_text(**report["up"])))
     rows.append(("time", f"{seconds:.1f} s"))
     column = 2 + max(len(name) for name, _ in rows)
     width = max(console.width, 2 * column) if console.is_terminal else sys.maxsize  # a file has no edge
@@ -154,7 +154,7 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
 
 def print_up(console: Console, up: UpVector) -> None:
     """The up vector, where it comes from, and a warning where it is little more than a guess."""
-    console.print(f"up: {_numbers(up.direction)} ({up.source}, confidence {up.confidence:.2f})")
+    console.print(f"up: {up_text(**vars(up))}")
     if doubt := up.doubt():
         console.print(doubt)
 
@@ -162,10 +162,6 @@ def print_up(console: Console, up: UpVector) -> None:
 def in_lengths(size: Float64Array) -> str:
     """Return the length, width and height of something, (3,), as a line of text has them."""
     return " x ".join(f"{value:.2g}" for value in size)
-
-
-def _numbers(direction: Iterable[float]) -> str:
-    return " ".join(f"{round(value, 3) + 0.0:.3f}" for value in direction)  # not -0.000
 
 
 def print_refusal(report: Mapping[str, Any]) -> None:
@@ -181,13 +177,13 @@ def print_warnings(entries: Sequence[Mapping[str, Any]]) -> None:
 
     That a side is smaller, as it mostly should be, is in the summary.
     """
-    from gaussian_trimmer.output.result import title_of  # late: conversions need no trimmer
+    from gaussian_trimmer.output.report import alerts  # late: conversions need no trimmer
+    from gaussian_trimmer.output.result import title_of
 
     found: dict[str, list[str]] = {}
     for entry in entries:
-        for sentence in entry["warnings"]:
-            if sentence != f"{entry['shrunk_side']}.":
-                found.setdefault(sentence, []).append(title_of(entry["name"]))
+        for sentence in alerts(entry["warnings"], entry["shrunk_side"]):
+            found.setdefault(sentence, []).append(title_of(entry["name"]))
     for sentence, titles in found.items():
         whose = "" if len(titles) == len(entries) else f"{', '.join(titles)}: "
         _complain(printable(whose + sentence))

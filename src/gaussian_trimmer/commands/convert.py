@@ -10,12 +10,12 @@ from rich.console import Console
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.commands.console import PrintOptions, print_up, refuse_existing
-from gaussian_trimmer.commands.placing import PlacingOptions
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.output.html.document import SUFFIXES
+from gaussian_trimmer.output.placing import PlacingOptions
 from gaussian_trimmer.planning.up_vector import DEFAULT_UP, find_up
 
 

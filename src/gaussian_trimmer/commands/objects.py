@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar
 
 from rich.console import Console
 
-from gaussian_trimmer.batch.manifest import write_manifest
+from gaussian_trimmer.batch.manifest import FOUND_OBJECTS, write_manifest
 from gaussian_trimmer.commands.console import in_lengths, print_up, progress_over_stages
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words, reading_words
 from gaussian_trimmer.commands.trim_run import ResultOptions, SelectedScene, TrimRun
@@ -111,7 +111,7 @@ class Objects:
             stage("write")
             document = write_found(found, part, renderer, command=self._next_command(), names=names)
             if sure := [str(one.id) for one in found if one.sure and one.kind == "object"]:
-                write_manifest([self._batch_row(sure, folder, up)], part / "batch.csv")
+                write_manifest([self._batch_row(sure, folder, up)], part / FOUND_OBJECTS)
         _print_found(console, found, names, folder / "objects.csv")
         console.print(
             f"{folder}: {sum(one.sure for one in found)} objects, and "
@@ -147,14 +147,13 @@ class Objects:
     def _batch_row(self, numbers: list[str], folder: Path, up: UpVector) -> dict[str, str]:
         """The row of a manifest that trims these objects one by one, named as the folder."""
         cameras = self.inputs.cameras
-        known = up.is_sure and (cameras is None or up.source == "given")
         return {
             "scene": str(self.inputs.scene.absolute()),
             "labels": "objects.npy",
             "objects": " ".join(numbers),
             "name": safe_file_name(folder.absolute().name),
             "cameras": str(cameras.absolute()) if cameras else "",
-            "up": " ".join(repr(float(value)) for value in up.direction) if known else "",
+            "up": " ".join(map(repr, up.for_trims() or ())),
             "options": shlex.join(reading_words(self.options)),
         }
 

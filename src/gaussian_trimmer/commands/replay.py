@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from gaussian_trimmer.commands.placing import PlacingOptions
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.reading import read_json
 from gaussian_trimmer.options import Names
+from gaussian_trimmer.output.placing import PlacingOptions
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import from_plain
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from rich.console import Console
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.cameras import Camera, CameraSet, up_frame, vector_of_up
+from gaussian_trimmer.cameras import Camera, CameraSet, up_frame
 from gaussian_trimmer.commands.console import (
     PrintOptions,
     announce_compiling,
@@ -22,7 +22,6 @@ from gaussian_trimmer.commands.console import (
     progress_over_stages,
 )
 from gaussian_trimmer.commands.pages import PageOptions
-from gaussian_trimmer.commands.placing import PlacingOptions
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
@@ -30,11 +29,12 @@ from gaussian_trimmer.geometry.bounds import robust_bounds
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.options import arg
 from gaussian_trimmer.output.html.report_page import REPORT, sentence_of
+from gaussian_trimmer.output.placing import PlacingOptions
 from gaussian_trimmer.output.report import describe, object_entries
 from gaussian_trimmer.output.result import title_of
 from gaussian_trimmer.output.saving import PICTURE, RESULTS, result_files, write_trim
 from gaussian_trimmer.planning.photo_views import photo_views, visible_share
-from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, UpVector, find_up
+from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters import Segmenter
 from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
@@ -158,10 +158,8 @@ class TrimRun:
 
     def _settings(self, up: UpVector | None) -> TrimConfig:
         """The settings of the trim, with what was found of the up vector where cameras do not tell it."""
-        settings = self.options.settings()
-        if up is None or not up.is_sure or up.source in KNOWN_SOURCES:
-            return settings
-        return replace(settings, up=vector_of_up(up.direction))
+        settings, found = self.options.settings(), up and up.for_trims()
+        return replace(settings, up=found) if found and settings.up is None else settings
 
     def _locked_folder(self) -> Any:
         """The folder to write to, locked against other runs; errors as those of `atomic_folder`."""

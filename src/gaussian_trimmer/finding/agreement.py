@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from gaussian_trimmer.finding.found import Verdict
+from gaussian_trimmer.finding.found import SURE, Verdict
 from gaussian_trimmer.finding.judging import DOUBTFUL
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, IntArray
 
@@ -113,7 +113,7 @@ def _agreed(candidate: Candidate, rows: IntArray, count: int, confidence: float)
         doubts.append("small")
     confidence = min(confidence, DOUBTFUL) if doubts else confidence
     said = tuple(dict.fromkeys([*candidate.verdict.doubts, *doubts])) or ("most tiles doubt it",)
-    verdict = replace(candidate.verdict, confidence=confidence, doubts=said)
+    verdict = replace(candidate.verdict, confidence=confidence, doubts=() if confidence >= SURE else said)
     return replace(candidate, rows=rows, verdict=verdict)
 
 

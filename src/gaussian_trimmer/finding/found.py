@@ -38,7 +38,7 @@ class Verdict:
     rests_on: str
     """What it rests on, in words; empty if nothing was found."""
     doubts: tuple[str, ...]
-    """Why it may be no object."""
+    """Why it may be no object; there are some if and only if it is unsure."""
 
     @property
     def sure(self) -> bool:
@@ -48,8 +48,7 @@ class Verdict:
     @property
     def why(self) -> str:
         """What it rests on and, if it is unsure, why."""
-        said = [self.rests_on, *(() if self.sure else self.doubts)]
-        return ", ".join(text for text in said if text)
+        return ", ".join(text for text in (self.rests_on, *self.doubts) if text)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-written: list[Path] = []
-"""Files and folders that have been written whole since signals are raised, for whoever says that it was stopped."""
+_written: dict[Path, None] | None = None
+"""Files and folders that have been written whole since signals are raised, in order; None while they are not."""
 
 
 class Stopped(KeyboardInterrupt):
@@ -26,9 +26,10 @@ def stop_signals_raised() -> Iterator[list[int]]:
     ends in another one. Signals that are ignored, as under `nohup`, or handled by someone else stay so, and outside the
     main thread nothing changes.
     """
+    global _written
     received: list[int] = []
     before = {}
-    written.clear()
+    _written = {}
 
     def stop(number: int, frame: object) -> None:
         received.append(number)
@@ -42,5 +43,17 @@ def stop_signals_raised() -> Iterator[list[int]]:
                     before[number] = signal.signal(number, stop)
         yield received
     finally:
+        _written = None
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def note_written(path: Path) -> None:
+    """Note that a file or folder has been written whole, for whoever says that the command was stopped."""
+    if _written is not None:
+        _written[path] = None
+
+
+def written() -> list[Path]:
+    """Return what has been written whole since signals are raised."""
+    return list(_written or ())

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from gaussian_trimmer.errors import FolderInUseError, InputError, OutputExistsError
 from gaussian_trimmer.io.manifest import MANIFEST, earlier_results, files_in, has_size, listed_sizes, write_manifest
-from gaussian_trimmer.io.stop_signals import written
+from gaussian_trimmer.io.stop_signals import note_written
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -49,7 +49,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
         yield part
         part.replace(path)
         if _STAGING not in path.parts:
-            written.append(path)
+            note_written(path)
     except OSError as error:
         raise InputError(f"Cannot write '{path}': {error.strerror or error}.") from error
     finally:
@@ -145,7 +145,7 @@ def atomic_folder(
                 with _os_errors_reported(folder, "what was there is unchanged"):
                     write_manifest(staging / "new", kind, source)
                     _swap(target, earlier_results(target, kind) if overwrite else [])
-                    written.append(folder)
+                    note_written(folder)
             finally:
                 _discard(staging)
     finally:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -67,6 +67,11 @@ def describe(
 def object_entries(report: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return what a report says of each object, with its name, its file and its counts."""
     return [report] if "objects" not in report else list(report["objects"])
+
+
+def alerts(warnings: Sequence[str], shrunk_side: str | None) -> list[str]:
+    """Return the warnings of an object but that of a smaller side, which the summaries tell by themselves."""
+    return [sentence for sentence in warnings if sentence != f"{shrunk_side}."]
 
 
 def _describe_object(result: TrimResult, part: TrimmedObject, labels: LabelArray) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,6 +76,11 @@ class UpVector:
         """Whether it need not be looked at."""
         return self.confidence >= SURE_CONFIDENCE
 
+    def for_trims(self) -> tuple[float, float, float] | None:
+        """Return what trims of the scene are given; None if it is a guess, or if the cameras tell it again."""
+        told_again = self.source in ("camera file", "camera axes")
+        return vector_of_up(self.direction) if self.is_sure and not told_again else None
+
     def doubt(self) -> str | None:
         """Return what to do if it is little more than a guess, a sentence: the opposite is the usual truth.
 
@@ -90,6 +95,16 @@ class UpVector:
             f"The up vector is a guess. If the views are upside down, give --up {sign}{'xyz'[axis]}; if they are "
             "tilted, try another axis."
         )
+
+
+def up_text(direction: Iterable[float], source: str, confidence: float) -> str:
+    """Return an up vector and how it is known, as people read it.
+
+    >>> up_text([0, -1e-9, 1], "floor", 0.5)
+    '0.000 0.000 1.000 (floor, confidence 0.50)'
+    """
+    numbers = " ".join(f"{round(value, 3) + 0.0:.3f}" for value in direction)  # not -0.000
+    return f"{numbers} ({source}, confidence {confidence:.2f})"
 
 
 KNOWN_SOURCES = ("given", "camera file", "camera axes")

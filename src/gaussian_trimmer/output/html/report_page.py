@@ -26,7 +26,9 @@ from gaussian_trimmer.output.html.figures import (
     view_figures,
 )
 from gaussian_trimmer.output.pictures import Picture
+from gaussian_trimmer.output.report import alerts
 from gaussian_trimmer.output.result import TrimResult
+from gaussian_trimmer.planning.up_vector import up_text
 
 REPORT = "report.html"
 """Name of the page among the results."""
@@ -70,6 +72,7 @@ def report_page(result: TrimResult, report: Mapping[str, Any]) -> str:
         facts=list(_facts(report)),
         settings=list(_changed_settings(report["configuration"])),
         sentence_of=sentence_of,
+        alerts=alerts,
         layers_of=_layers_of,
         data_uri=_data_uri,
         **parts,
@@ -122,9 +125,7 @@ def _facts(report: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
     """Names and values of what the trim was made of."""
     yield from ((name, value) for name, value in _flat(report["inputs"]) if value not in (None, [], (), {}))
     if "up" in report:
-        up = report["up"]
-        direction = " ".join(f"{round(value, 3) + 0.0:.3f}" for value in up["direction"])  # not -0.000
-        yield "up vector", f"{direction} ({up['source']}, confidence {up['confidence']:.2f})"
+        yield "up vector", up_text(**report["up"])
     yield from ((name, report[name]) for name in ("segmenter", "renderer", "version"))
 
 
