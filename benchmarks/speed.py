@@ -76,7 +76,7 @@ class Arguments:
     pixels: tuple[int, ...] = (PlanConfig.size,)
     """Other sections: widths of the views."""
     renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = "numba"
-    """Other sections: what renders the views; `kernel` is always the CPU renderer's."""
+    """`captures`, other sections: what renders the views; `kernel` is always the CPU renderer's."""
     segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
     """Other sections: what segments the views."""
     sam2_model: str = ""
@@ -107,8 +107,10 @@ def waits_section(arguments: Arguments) -> list[Record]:
 
 def captures_section(arguments: Arguments) -> list[Record]:
     up = arguments.up or (0.0, 0.0, 1.0)
-    chosen = arguments.capture, arguments.at, arguments.reach, up, arguments.copies, arguments.runs, arguments.against
-    return _told_one_by_one(whole_captures.measure(*chosen))
+    thing = arguments.capture, arguments.at, arguments.reach, up
+    return _told_one_by_one(
+        whole_captures.measure(*thing, arguments.renderer, arguments.copies, arguments.runs, arguments.against)
+    )
 
 
 def stages_section(arguments: Arguments) -> list[Record]:

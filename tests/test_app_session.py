@@ -390,23 +390,24 @@ def test_work_is_kept_by_what_a_scene_holds(session, ball, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("choices", "up", "format"),
-    [(DEFAULT, None, None), (TrimChoices(False, False, True, False), (0.0, 0.1, 1.0), "splat")],
+    ("choices", "up", "format", "engine"),
+    [(DEFAULT, None, None, None), (TrimChoices(False, False, True, False), (0.0, 0.1, 1.0), "splat", "unreal")],
 )
-def test_what_is_saved_is_what_the_command_makes(session, tmp_path, monkeypatch, choices, up, format):
+def test_what_is_saved_is_what_the_command_makes(session, tmp_path, monkeypatch, choices, up, format, engine):
     if up:
         session.do(edits.set_up, up)
     mark(session, BALL if up else click_on_ball(session))
     mark(session, TOP)
     session.do(edits.cut_out, choices)
-    _, command = save(session.now, tmp_path / "by app", format)
+    _, command = save(session.now, tmp_path / "by app", format, engine=engine)
     monkeypatch.chdir(tmp_path)
     assert run(*shlex.split(command)[1:], "--quiet") == 0
     for file in (tmp_path / "by app").rglob("*"):
         if file.is_file() and file.name not in ("report.json", "manifest.json"):
             assert file.read_bytes() == (tmp_path / "again" / file.relative_to(tmp_path / "by app")).read_bytes(), file
     suffix = format or "ply"
-    assert {f"object.{suffix}", f"background.{suffix}", "selection.json", "labels.npz"} <= {
+    placed = {f"object_for_{engine}.ply", f"background_for_{engine}.ply", "poses.json"} if engine else set()
+    assert placed | {f"object.{suffix}", f"background.{suffix}", "selection.json", "labels.npz"} <= {
         path.name for path in (tmp_path / "again").iterdir()
     }
 

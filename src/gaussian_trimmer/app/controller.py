@@ -174,7 +174,13 @@ class Controller:
             folder = files.path_of(self.panels.folder.value, "the folder").absolute()
             overwrite = self.panels.existing.value == panels.REPLACE
             sentence, self.panels.command.value = files.save(
-                self.session.now, folder, self.panels.ending, stages, together=together, overwrite=overwrite
+                self.session.now,
+                folder,
+                self.panels.ending,
+                stages,
+                engine=self.panels.engine,
+                together=together,
+                overwrite=overwrite,
             )
             return sentence
 

@@ -29,11 +29,13 @@ from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.engines import ENGINES, EngineName, placement_for
 from gaussian_trimmer.output.html.viewer import export_viewer
+from gaussian_trimmer.output.placing import PlacingOptions
 from gaussian_trimmer.output.report import describe, file_stems
 from gaussian_trimmer.output.result import THE_OBJECT, TrimResult
 from gaussian_trimmer.output.saving import RESULTS, result_files, write_trim
 from gaussian_trimmer.selecting.marks import FromFile, FromMasks
 from gaussian_trimmer.selecting.marks_file import write_marks
+from gaussian_trimmer.settings import to_plain
 from gaussian_trimmer.trimming.trim import trim_objects
 
 MARKS = "selection.json"
@@ -144,6 +146,7 @@ def save(
     format: str | None = None,
     progress: Progress = lambda stage: None,
     *,
+    engine: EngineName | None = None,
     together: bool = False,
     overwrite: bool = False,
 ) -> tuple[str, str]:
@@ -154,6 +157,7 @@ def save(
         folder: new or empty, or with earlier results.
         format: ending of the splat files; the scene's own, or the nearest that can be written, if it is not given.
         progress: called with the name of each stage when it begins.
+        engine: write files for this program beside the others.
         together: trim all marked objects, so that no Gaussian is in two, and save them by name; there is no command
             then. Otherwise the cut-out of the active object is saved.
         overwrite: replace earlier results in the folder.
@@ -165,8 +169,9 @@ def save(
     parts = [part for part in now.objects if part.n_selected] if together else [now.object]
     if not parts:
         raise InputError("No object is marked; mark one first.")
-    cut_out = None if together else fresh_result(now)
-    names = (*result_files(suffix, several=together), "views/*.png", "selection*.json")
+    cut_out, said = None if together else fresh_result(now), ""
+    placing = PlacingOptions(engine=engine)
+    names = (*result_files(suffix, several=together), "views/*.png", "selection*.json", *placing.patterns(suffix))
     inputs = _inputs(document, parts)
     with atomic_folder(folder, RESULTS, names=names, inputs=inputs, overwrite=overwrite) as results:
         result = cut_out or trim_objects(
@@ -178,14 +183,17 @@ def save(
             progress=progress,
         )
         progress("write")
-        write_trim(result, describe(result, _description(now, format, together), suffix=suffix), results, suffix)
+        for_report = _description(now, format, together) | {"placing": to_plain(placing)}
+        write_trim(result, describe(result, for_report, suffix=suffix), results, suffix)
+        if placing.wished:
+            said = f" {placing.sentence(placing.write(result, results, suffix), result.objects[0].up)}"
         stems = file_stems((part.id, part.name) for part in result.objects).values()
         for part, stem in zip(parts, stems, strict=True):
             file = f"{stem.replace(THE_OBJECT, 'selection', 1)}.json"
             write_marks(replace(now.basis, marks=part.marks), results / file)
     if together:
-        return f"{len(parts)} objects saved in '{folder}'.", ""
-    return f"Saved in '{folder}'.", command_for(folder)
+        return f"{len(parts)} objects saved in '{folder}'.{said}", ""
+    return f"Saved in '{folder}'.{said}", command_for(folder)
 
 
 def command_for(folder: Path) -> str:

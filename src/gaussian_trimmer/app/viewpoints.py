@@ -25,7 +25,7 @@ _MEDIAN_DISTANCE = 5.0
 """Median distance of the Gaussians from their middle, in the viewer's units."""
 _LARGEST_PICTURE = 1 << 14
 _SMALLEST_FOV, _LARGEST_FOV = 0.01, 3.1
-_FRAMED_SHARE, _RAISED_SHARE = 0.76, 0.04
+_FRAMED_SHARE, _RAISED_SHARE = 0.76, 0.06
 """Share of the picture's height, or width, that what is looked at fills, and by how much it is above the middle, as the
 tools are below."""
 _BEFORE_SURFACE = 0.999
