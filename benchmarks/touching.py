@@ -1,11 +1,11 @@
 """How many pairs of things that touch are found apart?
 
-    python benchmarks/touching.py ROOT [ROOT ...] [--sam-model DIR]
+    python benchmarks/touching.py ROOT [ROOT ...]
 
 Each ROOT is a benchmark scene (see benchmark_scenes.py) in which objects stand on one surface. Of each pair of them one
-is shifted along that surface until it touches the other, with nothing else changed. With a model of the SAM family, it
-is asked as `objects --segmenter sam` does. Both are found apart if two sure objects show with an intersection over
-union of 80 percent of theirs, counted in the pixels of the views that the program looks at.
+is shifted along that surface until it touches the other, with nothing else changed. Both are found apart if two sure
+objects show with an intersection over union of 80 percent of theirs, counted in the pixels of the views that the
+program looks at.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ from gaussian_trimmer.finding.found import FoundObjects
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, sigmoid
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.planning.up_vector import find_up
-from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter
 
 _STEPS, _HALVINGS = 160, 8
 _TOUCHING_SHARE = 1 / 300
@@ -41,21 +40,18 @@ class Arguments:
 
     roots: tyro.conf.Positional[tuple[Path, ...]]
     """Benchmark scenes."""
-    sam_model: Path | None = None
-    """Folder with a model that is asked."""
 
 
 def main() -> None:
     """Print a line for each pair and the number that are found apart."""
     arguments = tyro.cli(Arguments, description=__doc__)
-    model = SamSegmenter(SamConfig(str(arguments.sam_model))) if arguments.sam_model else None
     apart = []
     for root in arguments.roots:
         scene = open_scene(root)
         cameras = only_training(read_camera_set(scene.cameras_file))
         up = np.asarray(find_up(scene.gaussians, cameras, None).direction, np.float64)
         for names, gaussians, masks in touching_pairs(scene, up):
-            found = find_objects(gaussians, cameras=cameras, up=up, segmenter=model)
+            found = find_objects(gaussians, cameras=cameras, up=up)
             matched = [_matched(found, mask) for mask in masks]
             apart.append(min(iou for iou, _ in matched) > FOUND and matched[0][1] != matched[1][1])
             ious = ", ".join(f"{name} {iou:.2f}" for name, (iou, _) in zip(names, matched, strict=True))

@@ -15,14 +15,12 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.contacts import Contacts, one_thing
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.judging import FindConfig
-from gaussian_trimmer.finding.model_masks import AskedModel
 from gaussian_trimmer.finding.plan import draw_plan
 from gaussian_trimmer.finding.room_surfaces import find_room
 from gaussian_trimmer.finding.visible_surface import find_visible_surface, views_of
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.planning.up_vector import SURE_CONFIDENCE
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.segmentation.segmenters.sam_onnx import Candidates
 
 CAMERAS = room.cameras()
 
@@ -108,36 +106,6 @@ def test_parts_of_a_thing_have_long_contacts_or_like_colours_or_are_small(spread
     values = [np.array([value]) for value in (spread, area, accuracy)]
     (odds,) = one_thing(Contacts(np.array([0, 1]), np.array([[0, 1]]), *values))
     assert (odds > 0) == is_one
-
-
-class Model:
-    """Sees one thing, or what has the colour of the clicked pixel."""
-
-    def __init__(self, *, whole):
-        self.whole, self.prompts = whole, []
-
-    def propose(self, rgb, prompt):
-        self.prompts.append(prompt)
-        x, y = prompt.points[0].astype(int)
-        alike = np.abs(rgb - rgb[y, x]).max(axis=2) < 0.25
-        thing = np.ptp(rgb, axis=2) > 0.4  # the floor is pale
-        masks = np.stack([thing if self.whole else alike, np.zeros_like(thing)])
-        return Candidates(np.where(masks, 5.0, -5.0).astype(np.float32), np.array([0.9, 0.1], np.float32))
-
-
-@pytest.mark.parametrize("whole", [True, False])
-def test_a_model_whose_masks_take_both_makes_it_likelier_that_they_are_one(whole):
-    boxes = room.box((0, -0.4), (0.8, 0.8, 0.6), room.RED, 1, 3), room.box((0, 0.3), (0.6, 0.6, 0.5), room.BLUE, 2, 3)
-    scene, part = room.scene_of(room.floor(), *boxes)
-    up = np.array([0.0, 0.0, 1.0])
-    views, renderer = views_of(scene, CAMERAS, up), get_renderer("numba")
-    surface = find_visible_surface(scene, views, up, renderer)
-    measured = [np.array([value]) for value in (0.1, 0.5, 0.9)]
-    asked = AskedModel(scene, surface, views, Model(whole=whole), renderer)
-    for numbers in ([0, 1, 2], [7, 3, 2]):  # of floor and boxes, which may get others as regions grow
-        contacts = Contacts(np.array(numbers)[part[surface.rows]], np.sort([numbers[1:]]), *measured)
-        (change,) = asked(contacts) - one_thing(contacts)
-        assert (change > 0.9) if whole else (change == 0)
 
 
 @pytest.mark.parametrize("change", ["order", "scale", "rotation", "strays"])

@@ -10,10 +10,8 @@ import pytest
 pytest.importorskip("onnxruntime", reason="needs ONNX Runtime: the sam extra")
 onnx = pytest.importorskip("onnx", reason="needs onnx: the test extra")
 
-import made_room as room  # noqa: E402
 import tiny_sam  # noqa: E402
 from benchmark_data import benchmark_scene  # noqa: E402
-from command_line import run  # noqa: E402
 from tiny_sam import FAMILIES, LOW, SIDE, save_tiny_sam  # noqa: E402
 
 import gaussian_trimmer as gt  # noqa: E402
@@ -442,28 +440,3 @@ def test_trained_models_improve_a_trim():
         result = trim(scene.gaussians, coarse, views=2, up="z", segmenter=SamSegmenter(SamConfig(str(folder))))
         assert not result.refused
         assert overlap(result.object_mask, exact) > overlap(coarse, exact) + 0.05
-
-
-def test_the_command_objects_asks_a_model_that_is_named_and_names_it_again(tmp_path, capsys, monkeypatch):
-    prompts, propose = [], SamSegmenter.propose
-    monkeypatch.setattr(
-        SamSegmenter, "propose", lambda self, rgb, prompt: prompts.append(prompt) or propose(self, rgb, prompt)
-    )
-    boxes = room.box((0, -0.4), (0.8, 0.8, 0.6), room.RED, 1, 3), room.box((0, 0.3), (0.6, 0.6, 0.5), room.BLUE, 2, 3)
-    room.save(room.scene_of(room.floor(), *boxes)[0], room.cameras(), tmp_path)
-    folder = save_tiny_sam(tmp_path / "tiny", "sam2")
-    command = [
-        "objects",
-        tmp_path / "scene.ply",
-        "--cameras",
-        tmp_path / "cameras.json",
-        "--output",
-        tmp_path / "found",
-    ]
-    assert run(*command) == 0
-    assert not prompts
-    assert run(*command, "--segmenter", "sam", "--sam.model", folder) == 0
-    assert prompts and all(prompt.inside.all() for prompt in prompts)
-    assert f"--segmenter sam --sam.model {folder}" in (tmp_path / "found" / "index.html").read_text()
-    assert run(*command, "--segmenter", "sam") == 2
-    assert "--sam.model FOLDER" in capsys.readouterr().err

@@ -42,7 +42,7 @@ class Objects:
     Writes objects.npy with a number for each Gaussian, 0 for the rest; objects.csv with place, size, colour, how sure
     and why; index.html with a picture of each, on which to choose, merge, split and name, and which gives the command
     to go on; and batch.csv, from which 'batch' trims them. What the program is not sure of comes last, and is trimmed
-    only if it is asked for. With --segmenter sam the model is also asked which things that touch are one.
+    only if it is asked for.
     """
 
     COMMON_OPTIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -105,7 +105,6 @@ class Objects:
                 up=up,
                 config=self.find,
                 renderer=renderer,
-                segmenter=self.options.promptable_model(),
                 progress=stage,
             )
             stage("write")
@@ -160,8 +159,6 @@ class Objects:
     def _next_command(self) -> list[str]:
         """The words of the command that finds the same objects again and trims them."""
         words = ["gaussian-trimmer", "objects", *self.inputs.words(self.options), *changed_words(self.find)]
-        if self.options.segmenter == "sam":
-            words += ["--segmenter", "sam", "--sam.model", self.options.used_options().model]
         if self.output is not None:
             words += ["--output", str(self.output)]
         return [*words, "--trim", str(Path("trimmed") / self.inputs.name)]

@@ -10,10 +10,8 @@ import numpy as np
 
 from gaussian_trimmer.cameras import CameraSet, up_frame
 from gaussian_trimmer.finding.agreement import Candidate, agree
-from gaussian_trimmer.finding.contacts import one_thing
 from gaussian_trimmer.finding.found import FoundObject, FoundObjects, Verdict
 from gaussian_trimmer.finding.judging import MIN_SHARE_AT_ALL, FindConfig, judge, judge_surface
-from gaussian_trimmer.finding.model_masks import AskedModel
 from gaussian_trimmer.finding.regions import find_regions
 from gaussian_trimmer.finding.room_surfaces import Room, find_room
 from gaussian_trimmer.finding.tall_things import TallThings
@@ -37,7 +35,6 @@ from gaussian_trimmer.planning.storey import Storey, find_storey
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.selecting.marks import Viewpoint
-from gaussian_trimmer.selecting.model_masks import PromptableModel
 from gaussian_trimmer.selecting.overview import views_of_all
 from gaussian_trimmer.trimming.clock import Clock
 
@@ -62,7 +59,6 @@ def find_objects(
     up: Any = None,
     config: FindConfig | None = None,
     renderer: Renderer | str = DEFAULT_RENDERER,
-    segmenter: PromptableModel | None = None,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> FoundObjects:
     """Find every object of a scene: what stands on its surfaces, hangs from them or leans against them.
@@ -77,21 +73,19 @@ def find_objects(
             returns it.
         config: what counts as an object; the usual, if not given.
         renderer: a renderer, or the name of one.
-        segmenter: a model that draws masks for clicks, such as `SamSegmenter`. Things that touch are likelier one where
-            its masks take both; without it their contact, colours and size alone tell.
         progress: called with the name of each step when it begins: `look`, and `look 1/16` and so on for its views or
             tiles, `surfaces`, `regions`, and for tiles `regions 1/16` and so on, and `agree`.
 
     Raises:
-        InputError: the coordinates are as large as a map's, the up vector is not valid, hardly anything shows in the
-            views, or the model cannot be run.
+        InputError: the coordinates are as large as a map's, the up vector is not valid, or hardly anything shows in the
+            views.
     """
     clock, config = Clock(progress, log=None), config or FindConfig()
     renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
     check_gaussians(scene)
     check_places(scene)
     found_up = find_up(scene, cameras, up)
-    looks = Looks(found_up.direction, config, renderer, segmenter)
+    looks = Looks(found_up.direction, config, renderer)
     storey = find_storey(scene, found_up.direction)
     if storey.is_room or len(scene) > LARGEST_LOOK:
         return _find_in_tiles(scene, found_up, storey, looks.close(), clock)
@@ -103,7 +97,7 @@ def find_objects(
     with clock("surfaces"):
         room = find_room(surface)
     with clock("regions"):
-        [(verdicts, numbers)] = looks.judged(scene, surface, views, room, (0.0,))
+        [(verdicts, numbers)] = looks.judged(surface, room, (0.0,))
         labels = with_hidden(surface, numbers, _HIDDEN_REACH, np.arange(len(scene)))
     objects = tuple(_described(scene, labels, number, verdict) for number, verdict in enumerate(verdicts, 1))
     looked_at = np.ones(len(scene), np.bool_)
@@ -117,26 +111,22 @@ class Looks:
     up: Float64Array
     config: FindConfig
     renderer: Renderer
-    segmenter: PromptableModel | None = None
 
     def close(self) -> Looks:
         """Return the same at tiles, where what is named at all may be sure; its Gaussians tell how large it is."""
         return replace(self, config=replace(self.config, min_shown=MIN_SHARE_AT_ALL * self.config.min_shown))
 
     def judged(
-        self, scene: Gaussians, surface: VisibleSurface, views: Sequence[Viewpoint], room: Room, levels: Sequence[float]
+        self, surface: VisibleSurface, room: Room, levels: Sequence[float]
     ) -> list[tuple[list[Verdict], IntArray]]:
         """Find what may be an object at each level, and the number (S,) of that of each Gaussian of the surface.
 
         Args:
-            scene: the N Gaussians.
-            surface: what shows of them, S Gaussians.
-            views: where they are looked at from.
+            surface: what shows, S Gaussians.
             room: the flat surfaces.
             levels: log-odds that regions which touch must have to be joined, falling.
         """
-        asked = AskedModel(scene, surface, views, self.segmenter, self.renderer) if self.segmenter else None
-        found = find_regions(surface, room, asked or one_thing, levels)
+        found = find_regions(surface, room, levels=levels)
         return [name_objects(surface, room, regions, self.config) for regions in found]
 
     def tile(self, scene: Gaussians, tile: Tile) -> Look | None:
@@ -162,7 +152,7 @@ class Looks:
         """
         surface = visible_surface(scene, look, measured, self.up)
         found = []
-        for verdicts, numbers in self.judged(scene, surface, look.views, find_room(surface), LEVELS):
+        for verdicts, numbers in self.judged(surface, find_room(surface), LEVELS):
             labels = with_hidden(surface, numbers, _HIDDEN_REACH, tile.rows)
             order = np.argsort(labels, kind="stable")
             parts = np.split(tile.rows[order], np.searchsorted(labels[order], np.arange(1, len(verdicts) + 1)))[1:]
@@ -192,10 +182,11 @@ def _find_in_tiles(scene: Gaussians, up: UpVector, storey: Storey, looks: Looks,
     shown = scene.select(shown_rows)
     plan = shown.means.astype(np.float64) @ up_frame(up.direction)[:2].T
     tiles = [tile for count in tile_counts(len(shown)) for tile in plan_tiles(plan, count)]
-    using = [looks.renderer] if looks.segmenter is None else [looks.renderer, looks.segmenter]
     seen = list[tuple[Tile, Look]]()
     with clock("look"):
-        for number, look in enumerate(parallel_map(lambda tile: looks.tile(shown, tile), tiles, using=using)):
+        for number, look in enumerate(
+            parallel_map(lambda tile: looks.tile(shown, tile), tiles, using=[looks.renderer])
+        ):
             clock.part(f"look {number + 1}/{len(tiles)}")
             seen += [(tiles[number], look)] if look is not None else []
     if not seen:
@@ -206,7 +197,9 @@ def _find_in_tiles(scene: Gaussians, up: UpVector, storey: Storey, looks: Looks,
     tall = TallThings(scene, up.direction, storey, storey.head_height)
     with clock("regions"):
         found = parallel_map(
-            lambda one: looks.candidates(shown, one[0], one[1], measured, storey.head_height), seen, using=using
+            lambda one: looks.candidates(shown, one[0], one[1], measured, storey.head_height),
+            seen,
+            using=[looks.renderer],
         )
         for number, (found_there, (_, look)) in enumerate(zip(found, seen, strict=True), 1):
             clock.part(f"regions {number}/{len(seen)}")
