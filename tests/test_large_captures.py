@@ -14,7 +14,6 @@ from gaussian_trimmer.finding.agreement import Candidate, agree
 from gaussian_trimmer.finding.found import Verdict
 from gaussian_trimmer.finding.tall_things import TallThings
 from gaussian_trimmer.finding.tiles import plan_tiles, tile_counts
-from gaussian_trimmer.finding.visible_surface import NothingShowsError
 from gaussian_trimmer.gaussians import concatenate, mask_of_rows
 from gaussian_trimmer.planning.standing import stands_in_rooms
 from gaussian_trimmer.planning.storey import Storey, find_storey
@@ -306,15 +305,3 @@ def test_other_sizes_are_forgotten_after_another_mark(clicks):
     state = interpreter.apply(state, Grow(1.0))
     with pytest.raises(InputError):
         interpreter.apply(state, click)
-
-
-def test_a_model_that_is_not_thread_safe_is_asked_by_one_thread(monkeypatch):
-    class Model:
-        thread_safe = False
-
-    model, used = Model(), []
-    monkeypatch.setattr(find, "LARGEST_LOOK", 1000)
-    monkeypatch.setattr(find, "parallel_map", lambda work, tiles, using: used.extend(using) or [])
-    with pytest.raises(NothingShowsError):
-        find.find_objects(room.scene_of(room.floor(), *furniture())[0], up=UP, segmenter=model)
-    assert model in used
