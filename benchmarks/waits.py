@@ -244,7 +244,8 @@ def sources_of(commit: str) -> Iterator[Path | None]:
 
 def said_in_process(script: str, wait: Any, sources: Path, **environment: str) -> str | None:
     """The last line that a script says of a wait, with a version's sources; None where an old one lacks the task."""
-    environment = {**os.environ, "PYTHONPATH": str(sources / "src"), **environment}
+    path = os.pathsep.join([str(sources / "src"), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = {**os.environ, "PYTHONPATH": path, **environment}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
     command = [sys.executable, script, json.dumps(asdict(wait))]
     done = subprocess.run(command, env=environment, capture_output=True, check=False)
