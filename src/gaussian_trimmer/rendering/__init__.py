@@ -125,7 +125,7 @@ DEFAULT_RENDERER = "auto"
 
 
 def get_renderer(name: str) -> Renderer:
-    """Make the renderer of that name; `auto` is numba, even where gsplat could run, which no GPU has tested yet.
+    """Make the renderer of that name; `auto` is numba, since a trim gains nothing from gsplat; see docs/gpu.md.
 
     Raises:
         InputError: no renderer has that name, or what it needs is not installed.
