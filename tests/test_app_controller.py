@@ -18,7 +18,7 @@ from gaussian_trimmer.app import edits
 from gaussian_trimmer.app import panels as controls
 from gaussian_trimmer.app.display import shown_rows
 from gaussian_trimmer.app.doubts import doubts
-from gaussian_trimmer.app.files import DOWNLOADS, OBJECT, WITHOUT
+from gaussian_trimmer.app.files import ALL_FILES, DOWNLOADS, OBJECT, WITHOUT
 from gaussian_trimmer.app.page import Gesture
 from gaussian_trimmer.app.showing import Due, Event, Showing
 from gaussian_trimmer.app.snapshots import CutState
@@ -599,6 +599,9 @@ def test_results_are_downloaded_and_saved(app, tmp_path):
         assert {"my_ball/object.ply", "my_ball/report.json", "my_ball/selection.json"} <= set(archive.namelist())
     panels.program.value = "three.js"
     download(OBJECT)
+    download(ALL_FILES)
+    with zipfile.ZipFile(io.BytesIO(view.sent["my_ball.zip"])) as archive:
+        assert {"my_ball/object.ply", "my_ball/object_for_three.spz"} <= set(archive.namelist())
     panels.program.value = controls.AS_IT_LIES
     (tmp_path / "upright.spz").write_bytes(view.sent["my_ball.spz"])  # what the program reads
     means = formats.read(tmp_path / "upright.spz").means

@@ -111,15 +111,16 @@ class Files:
         now = self._session.now
         result, name = fresh_result(now), safe_file_name(now.object.name)
         with TemporaryDirectory() as parent:
-            folder, format = Path(parent, name), format or (engine and ENGINES[engine].reads[0])
+            folder = Path(parent, name)
             if what == ALL_FILES:
-                save(now, folder, format)
+                save(now, folder, format, engine=engine)
                 path = Path(shutil.make_archive(str(folder), "zip", parent, name))
             elif what == PAGE:
                 path = Path(parent, f"{name}.html")
                 export_viewer(result, path)
             else:
-                path = Path(parent, f"{'' if what == OBJECT else 'without_'}{name}{now.document.suffix(format)}")
+                suffix = now.document.suffix(format or (engine and ENGINES[engine].reads[0]))
+                path = Path(parent, f"{'' if what == OBJECT else 'without_'}{name}{suffix}")
                 gaussians = result.object if what == OBJECT else result.background
                 if engine:
                     gaussians = placement_for(result.object, result.up.direction, engine=engine).apply(gaussians)
