@@ -125,7 +125,8 @@ def contents(folder: Path) -> Files:
 
 def started(work: Work, output: Path, age: str) -> subprocess.Popen[str]:
     """Start a command, and return it when its own code begins."""
-    environment = {**os.environ, "PYTHONPATH": str(Path(gaussian_trimmer.__file__).parents[1])}
+    sources = str(Path(gaussian_trimmer.__file__).parents[1])
+    environment = {**os.environ, "PYTHONPATH": sources, "PYTHONFAULTHANDLER": "1"}  # a crash says where
     command = [sys.executable, *work.start(output, age)]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     process = subprocess.Popen(command, text=True, env=environment, **pipes)
