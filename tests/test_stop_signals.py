@@ -4,6 +4,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -74,15 +77,22 @@ def test_ignored_signals_stay_ignored_and_handlers_come_back(monkeypatch):
     assert terminate != signal.SIG_DFL == signal.getsignal(signal.SIGTERM)
 
 
-def test_sigterm_while_ray_starts_is_a_stop_although_ray_has_set_a_handler_of_its_own(monkeypatch):
-    def init(**options):
-        signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(number))  # as Ray does
-        signal.raise_signal(signal.SIGTERM)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_ray_starts_waits_until_it_has_started_and_shuts_it_down(monkeypatch, number):
+    happened, before = [], signal.getsignal(signal.SIGTERM)
 
-    stand_in = SimpleNamespace(init=init, is_initialized=lambda: False)
+    def init(**options):
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(number))  # as Ray does
+        time.sleep(0.1)  # until the main thread waits
+        os.kill(os.getpid(), number)
+        time.sleep(0.1)
+        happened.append("started")
+
+    stand_in = SimpleNamespace(init=init, is_initialized=lambda: False, shutdown=lambda: happened.append("shut down"))
     monkeypatch.setitem(sys.modules, "ray", stand_in)
-    before = signal.getsignal(signal.SIGTERM)
-    with stop_signals_raised() as received, pytest.raises(Stopped):
-        _connect(None)
-    assert received == [signal.SIGTERM]
+    with stop_signals_raised() as received, pytest.raises(Stopped), ThreadPoolExecutor(1) as thread:
+        _connect(None, thread)
+    assert received == [number]
+    assert happened == ["started", "shut down"]
     assert signal.getsignal(signal.SIGTERM) == before

@@ -5,9 +5,8 @@ from __future__ import annotations
 import logging
 import os
 import re
-import signal
 import socket
-from concurrent.futures import Future, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from typing import Any
 
@@ -34,7 +33,9 @@ class RayCluster:
     """
 
     def __init__(self, address: str | None, workers: int | None, gpus: float, options: dict[str, Any]) -> None:
-        self._ray, self._is_own = _connect(address)
+        self._thread = ThreadPoolExecutor(1)
+        """In which Ray starts, and which lives as long as the cluster: Linux ends a thread's processes with it."""
+        self._ray, self._is_own = _connect(address, self._thread)
         self.lost = self._ray.exceptions.RayError
         """What the future of an item raises whose process died."""
         self._options, self._gpus = {**options, "threads": 1}, gpus
@@ -74,6 +75,7 @@ class RayCluster:
         wait([actor.last for actor in self._started if actor.last is not None], _SECONDS_TO_ANSWER)
         if self._is_own:
             self._ray.shutdown()
+        self._thread.shutdown()
 
 
 class RayActor:
@@ -100,8 +102,8 @@ class RayActor:
             self._ray.kill(self._actor)
 
 
-def _connect(address: str | None) -> tuple[Any, bool]:
-    """Return Ray, connected to a cluster, and whether the cluster was started for this."""
+def _connect(address: str | None, thread: ThreadPoolExecutor) -> tuple[Any, bool]:
+    """Return Ray, connected to a cluster in a thread, and whether the cluster was started for this."""
     try:
         import ray
     except ImportError as error:
@@ -119,19 +121,19 @@ def _connect(address: str | None) -> tuple[Any, bool]:
     logging.getLogger("ray").setLevel(logging.ERROR)  # `init` sets it too late, after messages about tokens.
     # Without an address, `init` would join the cluster that was started last on this machine.
     options = {"address": "local", "include_dashboard": False} if address is None else {"address": address}
-    handler = signal.getsignal(signal.SIGTERM)
+    # Amid its start Ray crashes where it is interrupted, which another thread than the main one is not; and it takes
+    # SIGTERM for itself, but in the main thread alone.
+    starting = thread.submit(ray.init, log_to_driver=False, logging_level=logging.ERROR, **options)
     try:
-        ray.init(log_to_driver=False, logging_level=logging.ERROR, **options)
-    except SystemExit:  # by Ray's own handler, which it sets amid `init`
-        signal.signal(signal.SIGTERM, handler)
-        signal.raise_signal(signal.SIGTERM)
-        raise
+        starting.result()
     except Exception as error:  # Ray raises that itself, as where its processes take too long to start
         place = "could be started here" if address is None else f"is at '{address}'"
         raise InputError(
             f"No Ray cluster {place} ({' '.join(str(error).split())[:300]}). One that asks for a token needs "
             "RAY_AUTH_MODE=token."
         ) from error
-    with suppress(ValueError, TypeError):  # in another thread, or a handler that Python did not set
-        signal.signal(signal.SIGTERM, handler)  # in place of Ray's, which ends the process with code 15
+    except BaseException:  # a signal, while it started
+        wait([starting])
+        ray.shutdown()
+        raise
     return ray, address is None
