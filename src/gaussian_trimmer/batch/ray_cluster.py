@@ -104,6 +104,8 @@ class RayActor:
 
 def _connect(address: str | None, thread: ThreadPoolExecutor) -> tuple[Any, bool]:
     """Return Ray, connected to a cluster in a thread, and whether the cluster was started for this."""
+    # Else SIGTERM prints a trace, and aborts the process three seconds later; Ray reads it when it is imported.
+    os.environ.setdefault("RAY_DISABLE_FAILURE_SIGNAL_HANDLER", "1")
     try:
         import ray
     except ImportError as error:
