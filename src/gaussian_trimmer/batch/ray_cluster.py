@@ -34,7 +34,7 @@ class RayCluster:
 
     def __init__(self, address: str | None, workers: int | None, gpus: float, options: dict[str, Any]) -> None:
         self._thread = ThreadPoolExecutor(1)
-        """In which Ray starts, and which lives as long as the cluster: Linux ends a thread's processes with it."""
+        """Starts Ray, and lives as long as the cluster: when a thread ends, Linux ends the processes it started."""
         self._ray, self._is_own = _connect(address, self._thread)
         self.lost = self._ray.exceptions.RayError
         """What the future of an item raises whose process died."""
@@ -104,7 +104,7 @@ class RayActor:
 
 def _connect(address: str | None, thread: ThreadPoolExecutor) -> tuple[Any, bool]:
     """Return Ray, connected to a cluster in a thread, and whether the cluster was started for this."""
-    # Else SIGTERM prints a trace, and aborts the process three seconds later; Ray reads it when it is imported.
+    # Without this, SIGTERM prints a trace and aborts the process three seconds later. Ray reads it when it is imported.
     os.environ.setdefault("RAY_DISABLE_FAILURE_SIGNAL_HANDLER", "1")
     try:
         import ray
@@ -123,8 +123,8 @@ def _connect(address: str | None, thread: ThreadPoolExecutor) -> tuple[Any, bool
     logging.getLogger("ray").setLevel(logging.ERROR)  # `init` sets it too late, after messages about tokens.
     # Without an address, `init` would join the cluster that was started last on this machine.
     options = {"address": "local", "include_dashboard": False} if address is None else {"address": address}
-    # Amid its start Ray crashes where it is interrupted, which another thread than the main one is not; and it takes
-    # SIGTERM for itself, but in the main thread alone.
+    # Signals interrupt the main thread only, and Ray crashes if it is interrupted while it starts. In the main thread
+    # it would also replace the handler of SIGTERM.
     starting = thread.submit(ray.init, log_to_driver=False, logging_level=logging.ERROR, **options)
     try:
         starting.result()
