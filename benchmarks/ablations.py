@@ -22,7 +22,6 @@ from variants import VIEW_COUNTS, chosen_variants
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import RuleOptions
 from gaussian_trimmer.commands.tables import Findings, TableOptions, print_run
-from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.dataset_tasks import chosen_tasks, trials_of
 from gaussian_trimmer.evaluation.layouts import LAYOUTS
@@ -31,8 +30,9 @@ from gaussian_trimmer.evaluation.runs import Run, Trial, Variant, measure, unit_
 from gaussian_trimmer.evaluation.scoring import METRICS
 from gaussian_trimmer.evaluation.statistics import interval_of
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable
-from gaussian_trimmer.segmentation.segmenters.sam import SamSegmenter
+from gaussian_trimmer.masks.sam import SamSegmenter
 from gaussian_trimmer.selection_files import SelectionOptions
+from gaussian_trimmer.trimming.config import TrimConfig
 
 Rules = Literal["own", "paper"]
 Table = Literal["parts", "views", "splits", "stages"]

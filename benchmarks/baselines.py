@@ -34,7 +34,6 @@ from gaussian_trimmer.cameras import Camera, only_training
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import RuleOptions
 from gaussian_trimmer.commands.tables import Findings, TableOptions, print_run
-from gaussian_trimmer.decomposition.split_rules import AXIS_LENGTH, SAGD_SHRINKAGE, split_plane
 from gaussian_trimmer.evaluation.ground_truth import read_mask
 from gaussian_trimmer.evaluation.provenance import made_by
 from gaussian_trimmer.evaluation.results import cut_by
@@ -42,11 +41,12 @@ from gaussian_trimmer.evaluation.runs import Run, Trial, evenly_spread, measure,
 from gaussian_trimmer.evaluation.statistics import interval_of
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, concatenate, rotation_matrices
+from gaussian_trimmer.geometry.split import AXIS_LENGTH, SAGD_SHRINKAGE, split_plane
+from gaussian_trimmer.masks.prompts import Prompt
+from gaussian_trimmer.masks.sam import SamConfig, SamSegmenter
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.segmentation.segmenters.prompts import Prompt
-from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter
 from gaussian_trimmer.selecting.lifting import sum_label_weights
-from gaussian_trimmer.views import bounding_box
+from gaussian_trimmer.views.view import bounding_box
 
 VOTES = 0.7
 SEEN = 1.0

@@ -28,19 +28,19 @@ from benchmark_scenes import BenchmarkScene, open_scene
 
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, only_training
-from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation import metrics
 from gaussian_trimmer.evaluation.ground_truth import TestView
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.distances import distance_to_outside
-from gaussian_trimmer.planning.up_vector import find_up
+from gaussian_trimmer.masks.sam import SamConfig, SamSegmenter
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter
 from gaussian_trimmer.selecting.marks import Box, Click, Mark
 from gaussian_trimmer.selecting.select import select
+from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.trim import trim
-from gaussian_trimmer.views import bounding_box
+from gaussian_trimmer.trimming.up_vector import find_up
+from gaussian_trimmer.views.view import bounding_box
 
 Way = Literal["box", "click"]
 

@@ -21,11 +21,11 @@ from benchmark_scenes import capture_of
 from quality import TrialOptions
 from tyro.conf import Positional, arg
 
-from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.runs import Run, Trial, Variant, measure
 from gaussian_trimmer.evaluation.scoring import RULES, Judge
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.trimming.config import TrimConfig
 
 Groups = Mapping[str, Mapping[str, float]]
 """Scores by group of captures and variant."""

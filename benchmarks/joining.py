@@ -7,7 +7,7 @@ together. Each is taken as it is, and with each pair of its objects put against 
 does. Regions are joined as the truth has it, the likeliest first; what is learned from are the contacts that are joined
 and those of two things that are met on the way. Then the same is done with what was learned, since other contacts are
 met then. Printed are, for each group, the contacts that are judged wrong, the objects found and false, and the pairs
-found apart, all by weights from the other groups; and last the weights of all, as `finding/contacts.py` has them.
+found apart, all by weights from the other groups; and last the weights of all, as `surface/contacts.py` has them.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from touching import FOUND, touching_pairs
 
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import only_training
-from gaussian_trimmer.finding import contacts as known
-from gaussian_trimmer.finding.contacts import Contacts
 from gaussian_trimmer.finding.found import SURE
 from gaussian_trimmer.finding.judging import FindConfig, judge
-from gaussian_trimmer.finding.regions import find_regions
-from gaussian_trimmer.finding.room_surfaces import Room, find_room
-from gaussian_trimmer.finding.visible_surface import VisibleSurface, find_visible_surface, views_of
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
-from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.surface import contacts as known
+from gaussian_trimmer.surface.contacts import Contacts
+from gaussian_trimmer.surface.regions import find_regions
+from gaussian_trimmer.surface.room_surfaces import Room, find_room
+from gaussian_trimmer.surface.visible_surface import VisibleSurface, find_visible_surface, views_of
+from gaussian_trimmer.trimming.up_vector import find_up
 
 _ROUNDS = 3
 _PURE = 0.85

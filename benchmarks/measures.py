@@ -21,14 +21,14 @@ import numpy as np
 from synthetic_scenes import KERNEL_SIZE, kernel_view
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.output.result import TrimResult
+from gaussian_trimmer.masks import Segmenter, get_segmenter
+from gaussian_trimmer.masks.sam2_video import Sam2Config
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer, project_view
-from gaussian_trimmer.segmentation.segmenters import Segmenter, get_segmenter
-from gaussian_trimmer.segmentation.segmenters.sam2_video import Sam2Config
 from gaussian_trimmer.selection_files import load_selection
+from gaussian_trimmer.trimming.config import TrimConfig
+from gaussian_trimmer.trimming.result import TrimResult
 from gaussian_trimmer.trimming.trim import trim
 
 Record = dict[str, Any]

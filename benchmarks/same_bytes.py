@@ -26,7 +26,14 @@ DENSE = ["scene0/bottle/dilated", "scene0/boombox/eroded", "scene0/plant/eroded"
 TABLETOP = ["tabletop/robot/dilated", "tabletop/fern/eroded", "tabletop/mug/wobbly", "tabletop/lighthouse/three_views"]
 SPARSE = ["sparse/bottle/dilated", "sparse/lantern/centre_vote", "touching/mug/eroded", "touching/books/wobbly"]
 WALLS = ["room/bookcase/exact", "room/drawers/dilated", "room/picture_one/eroded", "clutter/guitar/eroded"]
-OTHERS = ["flower/flower/dilated", "horns/left/exact", "foliage/fern/dilated", "parts/robot_head/dilated", "flat/towel/exact"]
+PARTS = ["parts/robot_head/dilated", "flat/towel/exact"]
+OTHERS = [
+    "flower/flower/dilated",
+    "horns/left/exact",
+    "foliage/fern/dilated",
+    "parts/robot_head/dilated",
+    "flat/towel/exact",
+]
 WITHOUT_CAMERAS = ["scene0/bottle/dilated", "tabletop/robot/exact", "sparse/boombox/dilated", "room/drawers/exact"]
 SEVERAL = {"tabletop": ("robot", "mug", "fern"), "touching": ("mug", "books", "present")}
 FOUND = ["tabletop", "sparse"]
@@ -51,9 +58,9 @@ def commands(root: Path, scratch: Path) -> Iterator[tuple[str, list[str]]]:
         yield f"{scene} objects", ["objects", str(root / scene), "--trim"]
     for name in CLICKS:
         view, x, y = _click(root, name)
-        scene = root / name.split("/")[0]
+        folder = root / name.split("/")[0]
         marks = ["--view", view, "--click", str(x), str(y)]
-        yield f"{name} click", ["select", str(scene), "--cameras", str(scene / "cameras.json"), *marks, "--trim"]
+        yield f"{name} click", ["select", str(folder), "--cameras", str(folder / "cameras.json"), *marks, "--trim"]
 
 
 def _trim(root: Path, name: str) -> list[str]:
@@ -80,9 +87,9 @@ def _click(root: Path, name: str) -> tuple[str, int, int]:
     for frame in frames:
         file = root / scene / "masks" / thing / f"{Path(frame['file']).stem}.png"
         if frame.get("split") == "train" and file.is_file():
-            mask = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) > 127
-            if best is None or mask.sum() > best[0]:
-                best = int(mask.sum()), frame["file"], mask
+            mask: np.ndarray = np.asarray(cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)) > 127
+            if best is None or np.count_nonzero(mask) > best[0]:
+                best = int(np.count_nonzero(mask)), frame["file"], mask
     assert best is not None
     padded = np.pad(best[2].astype(np.uint8), 1)
     y, x = divmod(int(cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1].argmax()), best[2].shape[1])
@@ -124,9 +131,10 @@ def main() -> int:
             run = [sys.executable, "-m", "gaussian_trimmer", *command, *ending, "--quiet"]
             ended = subprocess.run(run, env=environment, cwd=scratch, capture_output=True, text=True, check=False)
             found[name] = _hash(folder) or {"error": f"{ended.returncode} {ended.stderr[-500:]}"}
-            same = not known or {k: v for k, v in known.get(name, {}).items()} == found[name]
+            same = not known or known.get(name) == found[name]
             differing += not same
-            print(f"{'same' if known and same else 'DIFFERS' if known else 'done'}  {name}  {found[name] if not same or 'error' in found[name] else ''}", flush=True)
+            told = "done" if not known else "same" if same else "DIFFERS"
+            print(f"{told:8}{name}  {'' if same and 'error' not in found[name] else found[name]}", flush=True)
     if arguments.output:
         arguments.output.write_text(json.dumps(found, indent=1) + "\n")
     print(f"{len(found)} trims" + (f", {differing} differ" if known else ""))

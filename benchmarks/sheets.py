@@ -27,7 +27,7 @@ from gaussian_trimmer.evaluation.scoring import Cut, Judge, ObjectRender
 from gaussian_trimmer.gaussians import FloatArray
 from gaussian_trimmer.output.pictures import Picture, as_picture, captioned, write_picture
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.views import HALF, Box, bounding_box
+from gaussian_trimmer.views.view import HALF, Box, bounding_box
 
 CELL = 280
 """Side of a picture on a sheet, in pixels."""

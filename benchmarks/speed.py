@@ -31,11 +31,11 @@ from synthetic_scenes import tiled
 from tyro.conf import arg
 
 from gaussian_trimmer import formats, sample
-from gaussian_trimmer.config import TrimConfig
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig
+from gaussian_trimmer.masks import DEFAULT_SEGMENTER, SEGMENTERS
 from gaussian_trimmer.rendering import RENDERER_CHOICES
-from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS
 from gaussian_trimmer.selection_files import load_selection
+from gaussian_trimmer.trimming.config import TrimConfig
+from gaussian_trimmer.views.virtual_cameras import PlanConfig
 
 Section = Literal["waits", "captures", "stages", "kernel", "threads", "sizes", "host"]
 

@@ -25,7 +25,7 @@ from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.found import FoundObjects
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, sigmoid
 from gaussian_trimmer.geometry.neighbours import nearest
-from gaussian_trimmer.planning.up_vector import find_up
+from gaussian_trimmer.trimming.up_vector import find_up
 
 _STEPS, _HALVINGS = 160, 8
 _TOUCHING_SHARE = 1 / 300

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from gaussian_trimmer.config import SplitConfig, TrimConfig, paper_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.runs import Variant
-from gaussian_trimmer.segmentation.segmenters import PAPER_SEGMENTER
-from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter, paper_sam
+from gaussian_trimmer.masks import PAPER_SEGMENTER
+from gaussian_trimmer.masks.sam import SamConfig, SamSegmenter, paper_sam
+from gaussian_trimmer.trimming.config import SplitConfig, TrimConfig, paper_config
 
 VIEW_COUNTS = (1, 2, 3, 5, 7, 10)
 """Numbers of virtual views that the paper compares."""

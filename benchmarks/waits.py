@@ -134,7 +134,8 @@ def click(wait: Wait, path: Path | None = None) -> float:
     """A click in the app's session, in the view that shows most of the object, where it is thickest."""
     from gaussian_trimmer.app import edits
     from gaussian_trimmer.app.session import Session
-    from gaussian_trimmer.selecting.marks import Click, Viewpoint
+    from gaussian_trimmer.cameras import Viewpoint
+    from gaussian_trimmer.selecting.marks import Click
 
     root, session = Path(wait.root), Session()
     session.open(path or root / "scene.ply", root / "cameras.json")

@@ -54,8 +54,7 @@ class Wait:
 
     def view(self) -> Any:
         """A view of the thing, obliquely from above, in which only its surroundings are drawn."""
-        from gaussian_trimmer.cameras import Camera, intrinsics, look_at
-        from gaussian_trimmer.selecting.marks import Viewpoint
+        from gaussian_trimmer.cameras import Camera, Viewpoint, intrinsics, look_at
 
         up, at = np.array(self.up), np.array(self.at)
         level = np.linalg.svd(up[None])[2][1]

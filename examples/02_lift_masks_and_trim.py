@@ -6,13 +6,13 @@ line the first half is `gaussian-trimmer select --masks`.
 
 import gaussian_trimmer as gt
 from gaussian_trimmer import sample
-from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.segmentation.segmenters.mask_files import (
+from gaussian_trimmer.masks.mask_files import (
     MaskFilesConfig,
     MaskFilesSegmenter,
     cameras_with_masks,
     mask_of,
 )
+from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.lifting import lift_by_assignment
 
 scene = gt.read(sample.SCENE)

@@ -11,7 +11,7 @@ import numpy as np
 import gaussian_trimmer as gt
 from gaussian_trimmer import sample
 from gaussian_trimmer.gaussians import BoolArray
-from gaussian_trimmer.views import View
+from gaussian_trimmer.views.view import View
 
 
 class WatershedSegmenter:

@@ -2,7 +2,8 @@
 
 import toy
 
-from gaussian_trimmer.selecting.marks import Click, Sphere, Viewpoint
+from gaussian_trimmer.cameras import Viewpoint
+from gaussian_trimmer.selecting.marks import Click, Sphere
 
 BALL = Sphere((0.0, 0.0, 1.0), 1.2)
 TOP = Sphere((0.0, 0.0, 2.0), 0.5, effect="remove")

@@ -8,8 +8,8 @@ import toy
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.cli import main
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
 SMALL = ["--plan.size", "160", "--refine", "off"]
 

@@ -7,8 +7,8 @@ import numpy as np
 import toy
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
 SIZE = 96
 

@@ -13,8 +13,8 @@ def drawing():
     """The renderer's kernels."""
     import toy
 
-    from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
     from gaussian_trimmer.rendering import get_renderer
+    from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
     scene, _ = toy.ball_on_floor()
     (camera, *_), _ = plan_cameras(scene, toy.UP, PlanConfig(size=64))

@@ -19,14 +19,14 @@ from gaussian_trimmer.commands.console import PrintOptions
 from gaussian_trimmer.commands.scene_inputs import SceneInputs
 from gaussian_trimmer.commands.trim import Trim
 from gaussian_trimmer.commands.trim_run import ResultOptions
-from gaussian_trimmer.config import SplitConfig
-from gaussian_trimmer.output.result import RowLabel
 from gaussian_trimmer.output.saving import result_files
-from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.trimming.arguments import mask_of_selection
+from gaussian_trimmer.trimming.config import SplitConfig
+from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim_options import TrimOptions
+from gaussian_trimmer.trimming.up_vector import find_up
 
 SCENE, TRUTH = toy.ball_on_floor()
 ROUGH = toy.dilated(SCENE, TRUTH)

@@ -16,14 +16,14 @@ from gaussian_trimmer.app.showing import Showing
 from gaussian_trimmer.app.snapshots import Cut, CutState, Snapshot, TrimChoices
 from gaussian_trimmer.app.viewpoints import Frame, before_what_shows, pixel_at, points_at, viewpoint_of
 from gaussian_trimmer.cameras import look_at
-from gaussian_trimmer.config import SplitConfig, TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import write
 from gaussian_trimmer.gaussians import quaternions_of
-from gaussian_trimmer.output.result import RowLabel
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.interpretation import SelectionState
 from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Sphere
+from gaussian_trimmer.trimming.config import SplitConfig, TrimConfig
+from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
 
 

@@ -9,10 +9,10 @@ import pytest
 import toy
 
 from gaussian_trimmer.app.page import Action, Control, Gesture, Page
-from gaussian_trimmer.cameras import Camera, look_at
+from gaussian_trimmer.cameras import Camera, Viewpoint, look_at
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.selecting.marks import Stroke, Viewpoint
+from gaussian_trimmer.selecting.marks import Stroke
 from gaussian_trimmer.selecting.strokes import drawn_over, in_spheres, under_stroke
 
 

@@ -30,14 +30,15 @@ from gaussian_trimmer.app.project import (
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import PALETTE, CutState, TrimChoices
 from gaussian_trimmer.app.worker import Cancelled
+from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.errors import InputError, OutputExistsError
 from gaussian_trimmer.gaussians import SH_C0
-from gaussian_trimmer.planning.up_vector import FROM_FORMAT
-from gaussian_trimmer.selecting.marks import Box3D, FromFile, Rows, Sphere, Stroke, Viewpoint
+from gaussian_trimmer.selecting.marks import Box3D, FromFile, Rows, Sphere, Stroke
 from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
 from gaussian_trimmer.selecting.row_packing import pack_rows
 from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.selecting.view_lookup import resolve_views
+from gaussian_trimmer.trimming.up_vector import FROM_FORMAT
 
 DEFAULT = TrimChoices()
 

@@ -23,11 +23,11 @@ from gaussian_trimmer.batch.trimming import trim_item
 from gaussian_trimmer.cli import main
 from gaussian_trimmer.commands import batch as command
 from gaussian_trimmer.commands.console import open_console
-from gaussian_trimmer.config import PlanConfig
 from gaussian_trimmer.errors import FolderInUseError, InputError
-from gaussian_trimmer.segmentation.segmenters.mask_files import MaskFilesConfig, MaskFilesSegmenter
+from gaussian_trimmer.masks.mask_files import MaskFilesConfig, MaskFilesSegmenter
 from gaussian_trimmer.selecting.marks import Sphere
 from gaussian_trimmer.selecting.saved_selection import save_selection
+from gaussian_trimmer.trimming.config import PlanConfig
 
 
 @pytest.fixture(autouse=True)

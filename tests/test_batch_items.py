@@ -16,13 +16,13 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.cli import main
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.trim import Trim
-from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.masks.grabcut import GrabCutConfig
+from gaussian_trimmer.masks.mask_files import MaskFilesConfig
+from gaussian_trimmer.masks.sam import SamConfig
 from gaussian_trimmer.options import options_of, parse
-from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig
-from gaussian_trimmer.segmentation.segmenters.mask_files import MaskFilesConfig
-from gaussian_trimmer.segmentation.segmenters.sam import SamConfig
 from gaussian_trimmer.selection_files import SelectionOptions
+from gaussian_trimmer.trimming.config import TrimConfig
 
 
 def manifest(folder, text, ending=".csv"):

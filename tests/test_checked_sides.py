@@ -8,8 +8,8 @@ import toy
 
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
 from gaussian_trimmer.output.checked_sides import checked_sides, shrunk_side
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.trimming.trim import trim
+from gaussian_trimmer.views.virtual_cameras import PlanConfig
 
 SCENE, TRUTH = toy.ball_on_floor()
 

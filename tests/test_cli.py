@@ -15,10 +15,10 @@ from command_line import SMALL, run
 
 from gaussian_trimmer import __version__, cli, formats
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.config import TrimConfig, paper_config
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.trimming.clock import LOG
+from gaussian_trimmer.trimming.config import TrimConfig, paper_config
 
 
 def report_of(folder):

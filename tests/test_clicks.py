@@ -11,8 +11,7 @@ from command_line import run
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.cameras import up_frame
-from gaussian_trimmer.config import TrimConfig
+from gaussian_trimmer.cameras import Viewpoint, up_frame
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.metrics import foreground_iou
 from gaussian_trimmer.gaussians import Gaussians, concatenate
@@ -26,13 +25,14 @@ from gaussian_trimmer.selecting.clicks import (
     select_by_click,
     select_by_colour,
 )
-from gaussian_trimmer.selecting.marks import Box3D, Click, Viewpoint
-from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
+from gaussian_trimmer.selecting.marks import Box3D, Click
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane, windows_around
 from gaussian_trimmer.selecting.select import select
-from gaussian_trimmer.selecting.viewed_scene import ViewedScene
+from gaussian_trimmer.surface.overview import OverviewConfig, drawn_rows, plan_overview
+from gaussian_trimmer.surface.viewed_scene import ViewedScene
+from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.trim import trim
-from gaussian_trimmer.views import bounding_box
+from gaussian_trimmer.views.view import bounding_box
 
 RENDERER = get_renderer("numba")
 

@@ -9,7 +9,7 @@ from command_line import run
 from gaussian_trimmer import formats, sample
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.io.writing import atomic_folder
-from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks
+from gaussian_trimmer.masks.mask_files import cameras_with_masks
 
 
 def test_sample_is_complete_and_small():

@@ -12,10 +12,10 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.planning.diagnosis import neighbour_agreement, selection_warning, up_warning
-from gaussian_trimmer.planning.up_vector import UpVector, up_from_ground_plane
 from gaussian_trimmer.selecting.marks import Sphere
+from gaussian_trimmer.trimming.diagnosis import neighbour_agreement, selection_warning, up_warning
 from gaussian_trimmer.trimming.trim import trim
+from gaussian_trimmer.trimming.up_vector import UpVector, up_from_ground_plane
 
 SCENE, TRUTH = toy.ball_on_floor()
 CONFIG = toy.small_config()

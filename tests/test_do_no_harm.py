@@ -3,8 +3,8 @@
 import numpy as np
 from toy import CENTRE, RADIUS, ball_on_floor, gaussians, jaccard, object_rows, small_config
 
-from gaussian_trimmer.config import AcceptanceConfig, EvidenceConfig, SplitConfig, paper_config
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.trimming.config import AcceptanceConfig, EvidenceConfig, SplitConfig, paper_config
 from gaussian_trimmer.trimming.trim import trim
 
 WHOLE = SplitConfig("none")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from toy import ball_on_floor, eroded, jaccard, object_rows, one_thread, small_config
 
-from gaussian_trimmer.config import PlanConfig, SplitConfig
-from gaussian_trimmer.decomposition.evidence import EvidenceConfig, classify_gaussians
-from gaussian_trimmer.output.result import RowLabel
+from gaussian_trimmer.trimming.config import PlanConfig, SplitConfig
+from gaussian_trimmer.trimming.evidence import EvidenceConfig, classify_gaussians
+from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
 
 COARSE, OTHER = True, False

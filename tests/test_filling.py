@@ -7,10 +7,10 @@ import toy
 from gaussian_trimmer import formats
 from gaussian_trimmer.evaluation.results import read_result
 from gaussian_trimmer.gaussians import SH_C0, concatenate
-from gaussian_trimmer.output.result import RowLabel
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
+from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
 
 def ball_over_a_hole(radius=0.5):

@@ -12,15 +12,15 @@ from command_line import run
 
 import gaussian_trimmer as gt
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.finding.contacts import Contacts, one_thing
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.judging import FindConfig
 from gaussian_trimmer.finding.plan import draw_plan
-from gaussian_trimmer.finding.room_surfaces import find_room
-from gaussian_trimmer.finding.visible_surface import find_visible_surface, views_of
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.planning.up_vector import SURE_CONFIDENCE
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.surface.contacts import Contacts, one_thing
+from gaussian_trimmer.surface.room_surfaces import find_room
+from gaussian_trimmer.surface.visible_surface import find_visible_surface, views_of
+from gaussian_trimmer.trimming.up_vector import SURE_CONFIDENCE
 
 CAMERAS = room.cameras()
 

@@ -11,10 +11,10 @@ from format_samples import sample
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.writing import save_array
 from gaussian_trimmer.output.pictures import write_picture
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig
-from gaussian_trimmer.selecting.saved_selection import save_array
 from gaussian_trimmer.trimming.trim import trim
+from gaussian_trimmer.views.virtual_cameras import PlanConfig
 
 resource = pytest.importorskip("resource", reason="needs limits on the size of files")
 

@@ -6,9 +6,9 @@ import toy
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.gaussians import Gaussians, concatenate
+from gaussian_trimmer.masks.fusion import fuse_with_silhouettes
 from gaussian_trimmer.rendering import Rendering, get_renderer
-from gaussian_trimmer.segmentation.fusion import fuse_with_silhouettes
-from gaussian_trimmer.views import View
+from gaussian_trimmer.views.view import View
 
 SIZE = 96
 RENDERER = get_renderer("numba")

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import toy
 
-from gaussian_trimmer.config import EvidenceConfig
-from gaussian_trimmer.decomposition.alpha_targets import OutlineViews
-from gaussian_trimmer.decomposition.evidence import Decomposition, prune_halo
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.geometry.planes import Plane
 from gaussian_trimmer.rendering.reference import ReferenceRenderer
+from gaussian_trimmer.trimming.alpha_targets import OutlineViews
+from gaussian_trimmer.trimming.config import EvidenceConfig
+from gaussian_trimmer.trimming.evidence import Decomposition, prune_halo
 from gaussian_trimmer.trimming.trim import trim
-from gaussian_trimmer.views import TOUCHING_RADII
+from gaussian_trimmer.views.view import TOUCHING_RADII
 
 SCENE, TRUTH = toy.ball_on_floor(n_ball=1500)
 DARK = (0.05, 0.02, 0.02)

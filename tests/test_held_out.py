@@ -3,9 +3,9 @@
 import pytest
 from held_out import DEFAULT, Choice, changed, chosen, chosen_config, comparison, report, scores_by_group
 
-from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.runs import Run
+from gaussian_trimmer.trimming.config import TrimConfig
 
 LOW, HIGH = DEFAULT, "evidence.prior=2"
 GROUPS = {

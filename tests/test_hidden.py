@@ -8,10 +8,10 @@ import toy
 
 from gaussian_trimmer.evaluation.results import read_result
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.output.result import RowLabel
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
+from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
 SCENE, TRUTH = toy.ball_on_floor(n_ball=1500)
 CONFIG = toy.small_config()

@@ -29,7 +29,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.commands.inspection import describe_file
 from gaussian_trimmer.errors import InputError, clip_name, printable
 from gaussian_trimmer.io.images import picture_header
-from gaussian_trimmer.segmentation.segmenters.mask_files import find_mask
+from gaussian_trimmer.masks.mask_files import find_mask
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection, selection_file
 
 N = 12

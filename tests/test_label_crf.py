@@ -5,7 +5,7 @@ import pytest
 from toy import BLUE, RED, gaussians
 
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig, correct_labels
+from gaussian_trimmer.trimming.label_crf import LabelCrfConfig, correct_labels
 
 CONFIG = LabelCrfConfig()
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import toy
 
+from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding import at_point, find
 from gaussian_trimmer.finding.agreement import Candidate, agree
@@ -15,13 +16,13 @@ from gaussian_trimmer.finding.found import Verdict
 from gaussian_trimmer.finding.tall_things import TallThings
 from gaussian_trimmer.finding.tiles import plan_tiles, tile_counts
 from gaussian_trimmer.gaussians import concatenate, mask_of_rows
-from gaussian_trimmer.planning.standing import stands_in_rooms
-from gaussian_trimmer.planning.storey import Storey, find_storey
-from gaussian_trimmer.planning.up_vector import up_from_layers
+from gaussian_trimmer.geometry.storey import Storey, find_storey
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting import interpretation
-from gaussian_trimmer.selecting.marks import Click, Grow, Marks, Viewpoint
-from gaussian_trimmer.selecting.overview import OverviewConfig, plan_views
+from gaussian_trimmer.selecting.marks import Click, Grow, Marks
+from gaussian_trimmer.surface.overview import OverviewConfig, plan_views
+from gaussian_trimmer.trimming.up_vector import up_from_layers
+from gaussian_trimmer.views.standing import stands_in_rooms
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -8,13 +8,24 @@ import pytest
 import toy
 
 import gaussian_trimmer as gt
+from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
-from gaussian_trimmer.selecting.marks import Box, Box3D, Click, FromFile, Grow, Plane, Rows, Shrink, Sphere, Viewpoint
+from gaussian_trimmer.selecting.marks import (
+    Box,
+    Box3D,
+    Click,
+    FromFile,
+    Grow,
+    Plane,
+    Rows,
+    Shrink,
+    Sphere,
+)
 from gaussian_trimmer.selecting.marks_file import write_marks
 from gaussian_trimmer.selecting.row_packing import pack_rows
 from gaussian_trimmer.selecting.shapes import grown, shrunk
 from gaussian_trimmer.selection_files import SelectionOptions
+from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
 SCENE, TRUTH = toy.ball_on_floor()
 CAMERAS = plan_cameras(SCENE.select(TRUTH), toy.UP, PlanConfig(size=96))[0]

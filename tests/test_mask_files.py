@@ -9,16 +9,16 @@ import pytest
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.reading import file_bytes, is_file
-from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.segmentation.segmenters import get_segmenter, mask_files
-from gaussian_trimmer.segmentation.segmenters.mask_files import (
+from gaussian_trimmer.masks import get_segmenter, mask_files
+from gaussian_trimmer.masks.mask_files import (
     MaskFilesConfig,
     cameras_with_masks,
     find_mask,
     ids_of,
     mask_of,
 )
-from gaussian_trimmer.views import View
+from gaussian_trimmer.rendering import Rendering
+from gaussian_trimmer.views.view import View
 
 WIDTH, HEIGHT = 12, 8
 

@@ -7,9 +7,9 @@ from toy import CENTRE, UP, ball_on_floor
 
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at, up_frame
 from gaussian_trimmer.geometry.bounds import robust_bounds
-from gaussian_trimmer.planning.observed_angles import cameras_that_see
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.trimming.trim import trim
+from gaussian_trimmer.views.observed_angles import cameras_that_see
+from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
 SCENE, TRUTH = ball_on_floor(n_floaters=0)
 BALL = SCENE.select(TRUTH)

@@ -9,8 +9,8 @@ from toy import BLUE, CENTRE, UP, any_rotation, ball_on_floor, gaussians, moved
 from gaussian_trimmer.cameras import up_frame
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.geometry.bounds import robust_bounds
-from gaussian_trimmer.planning.observed_side import limit_yaw_to_observed
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
+from gaussian_trimmer.views.observed_side import limit_yaw_to_observed
+from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
 SCENE, TRUTH = ball_on_floor(n_floaters=0)
 STEP = 22.5

@@ -16,12 +16,12 @@ from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import TrimChoices
 from gaussian_trimmer.batch.manifest import read_manifest
 from gaussian_trimmer.batch.trimming import ItemTrimmer
-from gaussian_trimmer.config import RefineConfig, SplitConfig
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.selecting.marks import Sphere
 from gaussian_trimmer.selecting.saved_selection import save_selection
 from gaussian_trimmer.selecting.selection_input import read_selection_result
 from gaussian_trimmer.selecting.selection_result import SelectionResult
+from gaussian_trimmer.trimming.config import RefineConfig, SplitConfig
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 BALL, TRUTH = toy.ball_on_floor()

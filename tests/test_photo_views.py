@@ -6,8 +6,8 @@ from toy import gaussians
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.planning.photo_views import photo_views, visible_share
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
+from gaussian_trimmer.views.photo_views import photo_views, visible_share
 
 BOUNDS = Bounds(np.zeros(3), np.eye(3), np.full(3, 0.5))
 

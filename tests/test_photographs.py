@@ -10,10 +10,10 @@ from PIL import Image
 
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.masks.photographs import PhotoSegmenter, cameras_with_photos, photo_of
+from gaussian_trimmer.masks.silhouette import SilhouetteSegmenter
 from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos, photo_of
-from gaussian_trimmer.segmentation.segmenters.silhouette import SilhouetteSegmenter
-from gaussian_trimmer.views import View
+from gaussian_trimmer.views.view import View
 
 WIDTH, HEIGHT = 120, 90
 CAMERA = Camera(np.eye(4), intrinsics(1.0, WIDTH, HEIGHT), WIDTH, HEIGHT, name="a/IMG_1.JPG")

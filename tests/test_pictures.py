@@ -10,10 +10,10 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.pictures import cameras_around, draw_before_after, draw_view, write_picture
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.rendering import Rendering
 from gaussian_trimmer.trimming.trim import trim
-from gaussian_trimmer.views import TrimmedView, View
+from gaussian_trimmer.views.view import TrimmedView, View
+from gaussian_trimmer.views.virtual_cameras import PlanConfig
 
 SIZE = 96
 CAMERA = Camera(

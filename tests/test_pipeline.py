@@ -24,13 +24,13 @@ from toy import (
 )
 
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
-from gaussian_trimmer.config import PlanConfig, SplitConfig, TrimConfig, paper_config
-from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.output.result import RowLabel
-from gaussian_trimmer.planning.virtual_cameras import plan_cameras
+from gaussian_trimmer.geometry.split import SPLIT_RULES
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
+from gaussian_trimmer.trimming.config import PlanConfig, SplitConfig, TrimConfig, paper_config
+from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
+from gaussian_trimmer.views.virtual_cameras import plan_cameras
 
 SCENE, TRUTH = ball_on_floor()
 SPECKLED = TRUTH ^ ((np.random.default_rng(1).random(len(SCENE)) < 0.05) & dilated(SCENE, TRUTH, 1.0))

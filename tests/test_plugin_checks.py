@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import toy
 
-from gaussian_trimmer.config import PlanConfig, SplitConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
+from gaussian_trimmer.trimming.config import PlanConfig, SplitConfig
 from gaussian_trimmer.trimming.trim import trim
 
 SCENE, TRUTH = toy.ball_on_floor(n_floaters=0)

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.decomposition.alpha_targets import ObjectRender, OutlineViews, coverage_target, resized_mask
-from gaussian_trimmer.decomposition.fitting import Target, fit
-from gaussian_trimmer.decomposition.refinement import Pieces, RefineConfig
-from gaussian_trimmer.decomposition.refinement import refine as refine_pieces
 from gaussian_trimmer.gaussians import Gaussians, concatenate, rotation_matrices
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.planning.camera_rings import Lens, ring
 from gaussian_trimmer.rendering.gradients import draw
+from gaussian_trimmer.trimming.alpha_targets import ObjectRender, OutlineViews, coverage_target, resized_mask
+from gaussian_trimmer.trimming.fitting import Target, fit
+from gaussian_trimmer.trimming.refinement import Pieces, RefineConfig
+from gaussian_trimmer.trimming.refinement import refine as refine_pieces
+from gaussian_trimmer.views.camera_rings import Lens, ring
 
 _BOUNDS = Bounds(axes=np.eye(3), centre=np.zeros(3), half_extents=np.ones(3))
 _CONFIG = RefineConfig(steps=24)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gaussian_trimmer.finding.regions import _certain_links, _merged, _mutual
+from gaussian_trimmer.surface.regions import _certain_links, _merged, _mutual
 
 RNG = np.random.default_rng(0)
 REGIONS = 40

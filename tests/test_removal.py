@@ -5,10 +5,10 @@ import pytest
 import toy
 
 from gaussian_trimmer.geometry.bounds import own_frame, robust_bounds
-from gaussian_trimmer.planning.small_views import views_of_place
 from gaussian_trimmer.removal.remove import remove
 from gaussian_trimmer.removal.views import RemovalViews
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.views.small_views import views_of_place
 
 SCENE, TRUTH = toy.ball_on_floor(n_ball=1500)
 UNTURNED = np.eye(3)

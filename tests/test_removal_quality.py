@@ -8,8 +8,8 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import only_training
 from gaussian_trimmer.evaluation.ground_truth import views_in
 from gaussian_trimmer.evaluation.removal import IGNORED, covered, likeness
+from gaussian_trimmer.masks.mask_files import cameras_with_masks
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks
 from gaussian_trimmer.trimming.trim import trim
 
 OBJECTS = "fern", "lighthouse", "mug", "robot"

@@ -9,9 +9,9 @@ import toy
 from scenes import front_camera, gaussian, random_scene
 
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.trimming.trim import trim
+from gaussian_trimmer.views.virtual_cameras import PlanConfig
 
 # The fast paths compute in float32 with an approximate exponential, relative errors of about 1e-5; where that tips an
 # alpha over the cut-off or a transmittance over the stop, a pixel may change by 0.01: allowed to one in a thousand.

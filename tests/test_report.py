@@ -8,10 +8,10 @@ import toy
 
 from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
-from gaussian_trimmer.config import AcceptanceConfig, SplitConfig
 from gaussian_trimmer.output.report import describe
-from gaussian_trimmer.output.result import RowLabel
 from gaussian_trimmer.output.saving import LABEL_NAMES, write_trim
+from gaussian_trimmer.trimming.config import AcceptanceConfig, SplitConfig
+from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
 
 CONFIG = toy.small_config()

@@ -12,8 +12,8 @@ from page_reading import Page, check_stands_alone
 from gaussian_trimmer.output.html.figures import DISCARDED, FITTED, coloured_changes, legend_of
 from gaussian_trimmer.output.html.report_page import report_page
 from gaussian_trimmer.output.report import describe
-from gaussian_trimmer.output.result import RowLabel
 from gaussian_trimmer.output.saving import LABEL_NAMES
+from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
 
 pytestmark = pytest.mark.usefixtures("one_thread")

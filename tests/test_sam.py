@@ -17,15 +17,15 @@ from tiny_sam import FAMILIES, LOW, SIDE, save_tiny_sam  # noqa: E402
 import gaussian_trimmer as gt  # noqa: E402
 from gaussian_trimmer import cli  # noqa: E402
 from gaussian_trimmer.cameras import Camera, intrinsics  # noqa: E402
-from gaussian_trimmer.config import TrimConfig, paper_config  # noqa: E402
 from gaussian_trimmer.errors import InputError  # noqa: E402
+from gaussian_trimmer.masks import get_segmenter, sam_onnx  # noqa: E402
+from gaussian_trimmer.masks.prompts import Prompt, expected_logits, middle_points  # noqa: E402
+from gaussian_trimmer.masks.sam import SamConfig, SamSegmenter, agreement, paper_sam, prompt_of  # noqa: E402
+from gaussian_trimmer.masks.sam_onnx import OnnxSam  # noqa: E402
 from gaussian_trimmer.rendering import Rendering, get_renderer  # noqa: E402
-from gaussian_trimmer.segmentation.segmenters import get_segmenter, sam_onnx  # noqa: E402
-from gaussian_trimmer.segmentation.segmenters.prompts import Prompt, expected_logits, middle_points  # noqa: E402
-from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter, agreement, paper_sam, prompt_of  # noqa: E402
-from gaussian_trimmer.segmentation.segmenters.sam_onnx import OnnxSam  # noqa: E402
+from gaussian_trimmer.trimming.config import TrimConfig, paper_config  # noqa: E402
 from gaussian_trimmer.trimming.trim import trim  # noqa: E402
-from gaussian_trimmer.views import View, bounding_box  # noqa: E402
+from gaussian_trimmer.views.view import View, bounding_box  # noqa: E402
 
 BOX, PROMPTED, RED = 0, 1, 2
 SIZES = [(96, 96), (120, 60), (60, 120), (256, 256)]
@@ -224,7 +224,7 @@ def test_a_view_is_encoded_once_however_often_it_is_prompted(tmp_path, monkeypat
     segmenter.forget()
     segmenter.segment([first])
     assert len(encoded) == 3
-    monkeypatch.setattr("gaussian_trimmer.segmentation.segmenters.sam._KEPT_BYTES", 1)
+    monkeypatch.setattr("gaussian_trimmer.masks.sam._KEPT_BYTES", 1)
     segmenter.segment([view(rectangle(64, 64, (8, 8, 48, 48)))])
     assert len(segmenter._embeddings) == 1
 

@@ -17,10 +17,10 @@ safetensors_torch = pytest.importorskip("safetensors.torch", reason="needs Trans
 
 from gaussian_trimmer.cameras import Camera, intrinsics  # noqa: E402
 from gaussian_trimmer.errors import InputError  # noqa: E402
+from gaussian_trimmer.masks import sam2_video as sam2  # noqa: E402
+from gaussian_trimmer.masks.sam2_video import Sam2Config, Sam2Segmenter  # noqa: E402
 from gaussian_trimmer.rendering import Rendering  # noqa: E402
-from gaussian_trimmer.segmentation.segmenters import sam2_video as sam2  # noqa: E402
-from gaussian_trimmer.segmentation.segmenters.sam2_video import Sam2Config, Sam2Segmenter  # noqa: E402
-from gaussian_trimmer.views import View  # noqa: E402
+from gaussian_trimmer.views.view import View  # noqa: E402
 
 SIDE = 128
 IMAGENET = np.array([[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]])

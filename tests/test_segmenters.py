@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import toy
 
+from gaussian_trimmer import masks as segmenters
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.masks import SEGMENTERS, all_options, get_segmenter
+from gaussian_trimmer.masks.grabcut import GrabCutConfig, GrabCutSegmenter, grab_cut
 from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.segmentation import segmenters
-from gaussian_trimmer.segmentation.segmenters import SEGMENTERS, all_options, get_segmenter
-from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig, GrabCutSegmenter, grab_cut
-from gaussian_trimmer.views import View
+from gaussian_trimmer.views.view import View
 
 HEIGHT, WIDTH = 96, 128
 
@@ -122,9 +122,7 @@ def test_options_of_segmenters_come_from_their_own_dataclasses(monkeypatch):
     options = all_options()()
     assert options.grabcut == GrabCutConfig()
     assert set(vars(options)) == {"grabcut", "sam", "sam2", "mask_files"}
-    monkeypatch.setitem(
-        segmenters.OPTIONS, "another-one", "gaussian_trimmer.segmentation.segmenters.grabcut:GrabCutConfig"
-    )
+    monkeypatch.setitem(segmenters.OPTIONS, "another-one", "gaussian_trimmer.masks.grabcut:GrabCutConfig")
     assert all_options()().another_one == GrabCutConfig()
 
 

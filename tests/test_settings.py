@@ -12,12 +12,12 @@ import pytest
 from command_line import run
 
 import gaussian_trimmer
-from gaussian_trimmer.config import TrimConfig, paper_config
-from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.segmentation.segmenters import get_segmenter
-from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig
+from gaussian_trimmer.geometry.split import SPLIT_RULES
+from gaussian_trimmer.masks import get_segmenter
+from gaussian_trimmer.masks.grabcut import GrabCutConfig
 from gaussian_trimmer.settings import Range, Vector, check_settings, from_plain, hints_of, to_plain
+from gaussian_trimmer.trimming.config import TrimConfig, paper_config
 
 
 def numbers_of(kind):

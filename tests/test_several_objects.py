@@ -11,14 +11,14 @@ from command_line import SMALL, run
 
 import gaussian_trimmer as gt
 from gaussian_trimmer import formats
-from gaussian_trimmer.config import EvidenceConfig, RefineConfig, SplitConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.pictures import cameras_around
-from gaussian_trimmer.output.result import RowLabel
 from gaussian_trimmer.selection_files.several import load_objects
 from gaussian_trimmer.trimming.arguments import rough_objects
+from gaussian_trimmer.trimming.config import EvidenceConfig, RefineConfig, SplitConfig
+from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim_objects
 
 CONFIG = toy.small_config()

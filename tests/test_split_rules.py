@@ -7,14 +7,14 @@ import pytest
 from scenes import gaussian
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
-from gaussian_trimmer.decomposition.split_rules import (
+from gaussian_trimmer.gaussians import Gaussians, concatenate, logit, quaternions_of, rotation_matrices
+from gaussian_trimmer.geometry.split import (
     PROFILE_POWER,
     SPLIT_RULES,
     split_plane,
     split_principal_axis,
     split_sagd,
 )
-from gaussian_trimmer.gaussians import Gaussians, concatenate, logit, quaternions_of, rotation_matrices
 from gaussian_trimmer.rendering.reference import ReferenceRenderer
 
 T = np.linspace(-12, 12, 24001)

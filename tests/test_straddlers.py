@@ -5,9 +5,9 @@ import pytest
 from toy import accepted_view, gaussians
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
-from gaussian_trimmer.decomposition.straddlers import BoundaryConfig, contour_pixels, find_straddlers, signed_distance
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.trimming.straddlers import BoundaryConfig, contour_pixels, find_straddlers, signed_distance
 
 RENDERER = get_renderer("reference")
 SIZE = 64

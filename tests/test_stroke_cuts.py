@@ -9,14 +9,15 @@ from app_session import BALL
 from command_line import run, save_ball
 
 import gaussian_trimmer as gt
-from gaussian_trimmer.decomposition.refinement import Pieces
-from gaussian_trimmer.decomposition.stroke_cuts import StrokeCut, cut_at_stroke
+from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.selecting.marks import Rows, Stroke, Viewpoint
+from gaussian_trimmer.selecting.marks import Rows, Stroke
 from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
 from gaussian_trimmer.selecting.row_packing import pack_rows
 from gaussian_trimmer.selecting.select import select
+from gaussian_trimmer.trimming.refinement import Pieces
+from gaussian_trimmer.trimming.stroke_cuts import StrokeCut, cut_at_stroke
 
 RENDERER = get_renderer("numba")
 CAMERA = toy.camera_at((0, -8, 1))

@@ -9,7 +9,7 @@ from toy import BLUE, RED, WHITE, any_rotation, gaussians
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, attached_to_object, find_support_plane
-from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig, correct_labels
+from gaussian_trimmer.trimming.label_crf import LabelCrfConfig, correct_labels
 
 CONFIG = SupportPlaneConfig()
 AXES = np.eye(3)

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from toy import TightMasks, ball_on_floor, dilated, small_config, two_balls
 
-from gaussian_trimmer.config import SplitConfig
 from gaussian_trimmer.geometry.neighbours import nearest
-from gaussian_trimmer.output.result import RowLabel
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
+from gaussian_trimmer.trimming.config import SplitConfig
+from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim, trim_objects
+from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
 N_CALLS = 12
 

@@ -13,8 +13,8 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import read
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.planes import random_planes
-from gaussian_trimmer.planning import up_vector as orientation
-from gaussian_trimmer.planning.up_vector import find_up, up_from_cameras, up_from_ground_plane
+from gaussian_trimmer.trimming import up_vector as orientation
+from gaussian_trimmer.trimming.up_vector import find_up, up_from_cameras, up_from_ground_plane
 
 Z = np.array([0.0, 0.0, 1.0])
 TILT = cv2.Rodrigues(np.array([0.5, -0.9, 0.3]))[0]

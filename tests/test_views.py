@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaussian_trimmer.views import bounding_box, box_slices
+from gaussian_trimmer.views.view import bounding_box, box_slices
 
 
 def mask_with(rows, columns, shape=(6, 9)):

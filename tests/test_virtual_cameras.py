@@ -7,7 +7,7 @@ from toy import CENTRE, RADIUS, RED, UP, any_rotation, ball_on_floor, gaussians,
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at, up_frame
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.geometry.bounds import dominant_cluster, plain_bounds, robust_bounds, touching
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
+from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
 
 def box(half=(1.0, 0.5, 2.0), centre=(3.0, -1.0, 0.5), n=24):

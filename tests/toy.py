@@ -8,12 +8,12 @@ import numba
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
-from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import SH_C0, Gaussians, concatenate, logit, quaternions_of, rotation_matrices
-from gaussian_trimmer.output.result import RowLabel
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.views import TrimmedView, View, bounding_box
+from gaussian_trimmer.trimming.config import TrimConfig
+from gaussian_trimmer.trimming.result import RowLabel
+from gaussian_trimmer.views.view import TrimmedView, View, bounding_box
+from gaussian_trimmer.views.virtual_cameras import PlanConfig
 
 UP = np.array([0.0, 0.0, 1.0])
 CENTRE = np.array([0.0, 0.0, 1.0])

@@ -17,10 +17,9 @@ import numpy as np
 import gaussian_trimmer as gt
 from gaussian_trimmer import sample
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at, up_frame
-from gaussian_trimmer.decomposition.alpha_targets import OutlineViews, coverage_target
-from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, concatenate, logit
 from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.geometry.split import split_plane
 from gaussian_trimmer.output.pictures import (
     BACKDROP,
     Picture,
@@ -29,9 +28,10 @@ from gaussian_trimmer.output.pictures import (
     draw_view,
     write_picture,
 )
-from gaussian_trimmer.output.result import RowLabel, TrimResult
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.rendering.gradients import draw
+from gaussian_trimmer.trimming.alpha_targets import OutlineViews, coverage_target
+from gaussian_trimmer.trimming.result import RowLabel, TrimResult
 
 FOLDER = Path(__file__).parents[1] / "images" / "stages"
 SIDE = 300

@@ -30,8 +30,8 @@ from gaussian_trimmer.cli import main as run
 from gaussian_trimmer.finding.plan import draw_plan
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.output.pictures import Picture, as_picture, captioned, draw_gaussians
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "docs" / "images"

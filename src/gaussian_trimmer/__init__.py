@@ -21,7 +21,6 @@ if TYPE_CHECKING:  # `typing` takes longer to import than all that is imported h
     from gaussian_trimmer import batch
     from gaussian_trimmer.camera_files import read_camera_set as read_cameras
     from gaussian_trimmer.camera_files.arrays import cameras_from_arrays
-    from gaussian_trimmer.config import TrimConfig
     from gaussian_trimmer.errors import InputError
     from gaussian_trimmer.finding.editing import chosen_objects
     from gaussian_trimmer.finding.find import find_objects
@@ -29,12 +28,13 @@ if TYPE_CHECKING:  # `typing` takes longer to import than all that is imported h
     from gaussian_trimmer.gaussians import Gaussians
     from gaussian_trimmer.output.html.viewer import export_viewer
     from gaussian_trimmer.output.report import describe
-    from gaussian_trimmer.output.result import TrimResult
     from gaussian_trimmer.output.saving import save
     from gaussian_trimmer.selecting import marks
     from gaussian_trimmer.selecting.marks_file import read_marks
     from gaussian_trimmer.selecting.select import select
     from gaussian_trimmer.selecting.selection_input import read_selection
+    from gaussian_trimmer.trimming.config import TrimConfig
+    from gaussian_trimmer.trimming.result import TrimResult
     from gaussian_trimmer.trimming.trim import trim, trim_objects
 
 
@@ -65,8 +65,8 @@ __all__ = [
 _LATE = {
     "Gaussians": "gaussian_trimmer.gaussians:Gaussians",
     "InputError": "gaussian_trimmer.errors:InputError",
-    "TrimConfig": "gaussian_trimmer.config:TrimConfig",
-    "TrimResult": "gaussian_trimmer.output.result:TrimResult",
+    "TrimConfig": "gaussian_trimmer.trimming.config:TrimConfig",
+    "TrimResult": "gaussian_trimmer.trimming.result:TrimResult",
     "batch": "gaussian_trimmer.batch",
     "cameras_from_arrays": "gaussian_trimmer.camera_files.arrays:cameras_from_arrays",
     "chosen_objects": "gaussian_trimmer.finding.editing:chosen_objects",

@@ -239,3 +239,23 @@ def intrinsics(fov_radians: float, width: int, height: int) -> Float64Array:
     """
     focal = max(width, height) / (2 * np.tan(fov_radians / 2))
     return np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """A view that pixels refer to, and which Gaussians are drawn in it."""
+
+    camera: Camera
+    drawn_centre: Point | None = None
+    """Middle of the ball in which Gaussians are drawn; None: all are."""
+    drawn_radius: float = 0.0
+    """Radius of that ball, in scene units."""
+
+
+def point_of(values: Float64Array) -> Point:
+    """Return an array (3,) as plain numbers."""
+    x, y, z = values.tolist()
+    return x, y, z

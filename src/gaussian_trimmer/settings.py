@@ -58,7 +58,7 @@ def check_settings(settings: Any, prefix: str = "") -> None:
     Raises:
         InputError: a setting is not possible.
 
-    >>> from gaussian_trimmer.decomposition.evidence import EvidenceConfig
+    >>> from gaussian_trimmer.trimming.evidence import EvidenceConfig
     >>> check_settings(EvidenceConfig(recover_limit=float("nan")), "evidence")
     Traceback (most recent call last):
     gaussian_trimmer.errors.InputError: evidence.recover-limit is nan; it must be a number from 0 to 1.

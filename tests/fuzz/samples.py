@@ -30,14 +30,14 @@ from gaussian_trimmer.batch.manifest import read_manifest
 from gaussian_trimmer.batch.store import ITEM, Outcome, Store, write_finished
 from gaussian_trimmer.batch.summary import write_summaries
 from gaussian_trimmer.camera_files import read_camera_set, read_cameras_of
-from gaussian_trimmer.cameras import Camera, intrinsics
+from gaussian_trimmer.cameras import Camera, Viewpoint, intrinsics
 from gaussian_trimmer.commands.inspection import describe_file
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.manifest import MANIFEST, earlier_results, files_in, is_complete, is_made_of, write_manifest
 from gaussian_trimmer.io.writing import atomic_folder
-from gaussian_trimmer.segmentation.segmenters.mask_files import mask_of
-from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Grow, Marks, Plane, Sphere, Viewpoint
+from gaussian_trimmer.masks.mask_files import mask_of
+from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Grow, Marks, Plane, Sphere
 from gaussian_trimmer.selecting.marks_file import marks_as_json, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 

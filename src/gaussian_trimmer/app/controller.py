@@ -21,11 +21,10 @@ from gaussian_trimmer.app.project import is_project
 from gaussian_trimmer.app.showing import PARTS, Event
 from gaussian_trimmer.app.tools import Tools
 from gaussian_trimmer.app.viewpoints import first_look, framed
-from gaussian_trimmer.cameras import look_at
+from gaussian_trimmer.cameras import Point, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array
-from gaussian_trimmer.output.result import TrimResult
-from gaussian_trimmer.selecting.marks import Point
+from gaussian_trimmer.trimming.result import TrimResult
 
 _STAGES_OF_FINDING = 19
 """About as many stages as finding objects has, for the progress bar."""

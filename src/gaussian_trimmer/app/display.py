@@ -13,8 +13,8 @@ from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
 from gaussian_trimmer.app.viewpoints import Frame
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.output.result import RowLabel, TrimResult
 from gaussian_trimmer.rendering.reference import view_colours
+from gaussian_trimmer.trimming.result import RowLabel, TrimResult
 
 _TINT_SHARE = 0.6
 """Share of the object's colour in that of a selected Gaussian."""

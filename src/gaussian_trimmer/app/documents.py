@@ -10,15 +10,15 @@ import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_cameras_of
-from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.cameras import CameraSet, Point
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.output.saving import suffix_of
-from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
-from gaussian_trimmer.selecting.marks import Marks, Point
+from gaussian_trimmer.selecting.marks import Marks
 from gaussian_trimmer.selecting.view_lookup import resolve_views
+from gaussian_trimmer.trimming.up_vector import UpVector, find_up
 
 Progress = Callable[[str], None]
 """Called with the name of each stage when it begins."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.output.checked_sides import checked_sides
-from gaussian_trimmer.output.result import TrimResult
 from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.trimming.result import TrimResult
 
 _SOFT = (0.05, 0.5)
 """Alpha of pixels that are the object's and hardly show it."""

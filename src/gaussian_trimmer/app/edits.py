@@ -16,18 +16,19 @@ import numpy as np
 
 from gaussian_trimmer.app.documents import Progress
 from gaussian_trimmer.app.snapshots import PALETTE, Cut, CutState, MarkedObject, Snapshot, TrimChoices
+from gaussian_trimmer.cameras import Point, point_of
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.geometry.neighbours import nearest
-from gaussian_trimmer.planning.up_vector import UpVector
 from gaussian_trimmer.selecting.interpretation import INTERPRETATIONS, SelectionState
-from gaussian_trimmer.selecting.marks import Effect, FromFile, Mark, Point, Rows, point_of
+from gaussian_trimmer.selecting.marks import Effect, FromFile, Mark, Rows
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selecting.row_packing import pack_rows
 from gaussian_trimmer.selection_files.row_matching import MATCH_NOTHING
 from gaussian_trimmer.trimming.trim import trim
-from gaussian_trimmer.views import HALF
+from gaussian_trimmer.trimming.up_vector import UpVector
+from gaussian_trimmer.views.view import HALF
 
 _MAX_NAME = 60
 _GAP_SHARE = 0.1

@@ -11,9 +11,10 @@ from gaussian_trimmer.app.edits import describe_up
 from gaussian_trimmer.app.page import Control, Page
 from gaussian_trimmer.app.showing import COLOURINGS, PARTS, WHENS, Showing
 from gaussian_trimmer.app.snapshots import Colour, Snapshot, TrimChoices
+from gaussian_trimmer.cameras import Point, point_of
 from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.output.engines import ENGINES, EngineName
-from gaussian_trimmer.selecting.marks import Effect, Point, point_of
+from gaussian_trimmer.selecting.marks import Effect
 
 TOOLS = ("Look", "Click", "Box", "Lasso", "Polygon", "Brush", "Sphere", "3D box")
 LOOK, CLICK, BOX, LASSO, POLYGON, BRUSH, SPHERE, BOX3D = TOOLS

@@ -16,11 +16,12 @@ from gaussian_trimmer._version import __version__
 from gaussian_trimmer.app.documents import Progress
 from gaussian_trimmer.app.edits import Change
 from gaussian_trimmer.app.snapshots import Colour, Cut, CutState, MarkedObject, Snapshot, TrimChoices
+from gaussian_trimmer.cameras import Point
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import read_json
 from gaussian_trimmer.io.writing import make_folder, write_whole
-from gaussian_trimmer.selecting.marks import Marks, Point
+from gaussian_trimmer.selecting.marks import Marks
 from gaussian_trimmer.selecting.marks_file import marks_as_json, marks_from_json
 from gaussian_trimmer.settings import from_plain, to_plain
 

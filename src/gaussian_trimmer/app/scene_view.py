@@ -10,12 +10,12 @@ import numpy as np
 from gaussian_trimmer.app.display import Splats
 from gaussian_trimmer.app.space_box import NODE, SpaceBox
 from gaussian_trimmer.app.viewpoints import Frame, viewpoint_of
-from gaussian_trimmer.cameras import up_frame
+from gaussian_trimmer.cameras import Point, Viewpoint, point_of, up_frame
 from gaussian_trimmer.gaussians import Float64Array, quaternions_of
 from gaussian_trimmer.output.pictures import draw_outlines
-from gaussian_trimmer.output.result import TrimResult
-from gaussian_trimmer.selecting.marks import Box3D, Effect, Point, Viewpoint, point_of
-from gaussian_trimmer.views import TrimmedView
+from gaussian_trimmer.selecting.marks import Box3D, Effect
+from gaussian_trimmer.trimming.result import TrimResult
+from gaussian_trimmer.views.view import TrimmedView
 
 _ACCEPTED_COLOUR, _REJECTED_COLOUR = (60, 200, 90), (230, 60, 60)
 _FRUSTUM_RADII = 0.3

@@ -12,14 +12,15 @@ from functools import lru_cache
 import numpy as np
 
 from gaussian_trimmer.app.documents import Document
-from gaussian_trimmer.config import TrimConfig
-from gaussian_trimmer.decomposition.evidence import EvidenceConfig
+from gaussian_trimmer.cameras import Point, point_of
 from gaussian_trimmer.gaussians import SH_C0, BoolArray
-from gaussian_trimmer.output.result import TrimResult
-from gaussian_trimmer.planning.up_vector import FROM_FORMAT, UpVector
 from gaussian_trimmer.selecting.interpretation import MarkInterpreter, SelectionState
-from gaussian_trimmer.selecting.marks import Mark, Marks, Point, point_of
+from gaussian_trimmer.selecting.marks import Mark, Marks
 from gaussian_trimmer.selecting.selection_result import SelectionResult
+from gaussian_trimmer.trimming.config import TrimConfig
+from gaussian_trimmer.trimming.evidence import EvidenceConfig
+from gaussian_trimmer.trimming.result import TrimResult
+from gaussian_trimmer.trimming.up_vector import FROM_FORMAT, UpVector
 
 Colour = tuple[int, int, int]
 

@@ -15,28 +15,16 @@ from gaussian_trimmer.app.jobs import Jobs
 from gaussian_trimmer.app.page import Gesture
 from gaussian_trimmer.app.showing import Event
 from gaussian_trimmer.app.viewpoints import Place, before_what_shows, pixel_at, points_at
-from gaussian_trimmer.cameras import up_frame
+from gaussian_trimmer.cameras import Point, Viewpoint, point_of, up_frame
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians, mask_of_rows
 from gaussian_trimmer.selecting.clicks import NothingFoundError
-from gaussian_trimmer.selecting.marks import (
-    Box,
-    Click,
-    Effect,
-    Grow,
-    Mark,
-    Point,
-    Rows,
-    Shrink,
-    Stroke,
-    Viewpoint,
-    point_of,
-)
+from gaussian_trimmer.selecting.marks import Box, Click, Effect, Grow, Mark, Rows, Shrink, Stroke
 from gaussian_trimmer.selecting.row_packing import pack_rows
 from gaussian_trimmer.selecting.shapes import in_spacings
 from gaussian_trimmer.selecting.strokes import in_spheres, shows_under, under_stroke
-from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, small_view
-from gaussian_trimmer.views import HALF
+from gaussian_trimmer.surface.viewed_scene import CONTRIBUTORS, small_view
+from gaussian_trimmer.views.view import HALF
 
 _SCREEN_MIDDLE = (0.5, 0.5)
 _GROWN_PIXELS = 8

@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.cameras import Camera, CameraSet, Point, Viewpoint, point_of
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, rotation_matrices
 from gaussian_trimmer.geometry.bounds import dominant_cluster
-from gaussian_trimmer.planning.standing import stands_in_rooms
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.selecting.marks import Point, Viewpoint, point_of
 from gaussian_trimmer.selecting.view_lookup import views_to_click_in
-from gaussian_trimmer.selecting.viewed_scene import small_view, surface_points
+from gaussian_trimmer.surface.viewed_scene import small_view, surface_points
+from gaussian_trimmer.views.standing import stands_in_rooms
 
 Place = tuple[float, float]
 """A place in the browser's picture, from (0, 0) at the upper left to (1, 1)."""

@@ -15,11 +15,10 @@ import numpy as np
 
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.batch.items import Item
-from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.cameras import CameraSet, Viewpoint
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.reading import is_file, is_folder
-from gaussian_trimmer.segmentation.segmenters import options_kind
-from gaussian_trimmer.selecting.marks import Viewpoint
+from gaussian_trimmer.masks import options_kind
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.settings import to_plain
 

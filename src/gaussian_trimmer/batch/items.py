@@ -8,15 +8,15 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.io.names import safe_file_name
+from gaussian_trimmer.masks import DEFAULT_SEGMENTER, SEGMENTERS, options_kind
 from gaussian_trimmer.output.placing import PlacingOptions
 from gaussian_trimmer.output.saving import suffix_of
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES
-from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS, options_kind
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import check_settings
+from gaussian_trimmer.trimming.config import TrimConfig
 
 _PUNCTUATION = "._-+"
 """In names of folders."""

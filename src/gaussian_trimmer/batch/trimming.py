@@ -19,14 +19,14 @@ from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import FolderInUseError, InputError, printable, user_message
 from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.masks import get_segmenter
 from gaussian_trimmer.output.report import describe
-from gaussian_trimmer.output.result import TrimResult
 from gaussian_trimmer.output.saving import write_trim
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.segmentation.segmenters import get_segmenter
 from gaussian_trimmer.selecting.selection_input import read_selection_result
 from gaussian_trimmer.settings import to_plain
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
+from gaussian_trimmer.trimming.result import TrimResult
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.trimming.trim_options import views_of_masks
 

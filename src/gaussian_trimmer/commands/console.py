@@ -19,8 +19,8 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.io.manifest import earlier_results
-from gaussian_trimmer.planning.up_vector import UpVector, up_text
 from gaussian_trimmer.trimming.clock import LOG
+from gaussian_trimmer.trimming.up_vector import UpVector, up_text
 
 _STAGES = {
     "read": "reading the files",
@@ -178,7 +178,7 @@ def print_warnings(entries: Sequence[Mapping[str, Any]]) -> None:
     That a side is smaller, as it mostly should be, is in the summary.
     """
     from gaussian_trimmer.output.report import alerts  # late: conversions need no trimmer
-    from gaussian_trimmer.output.result import title_of
+    from gaussian_trimmer.trimming.result import title_of
 
     found: dict[str, list[str]] = {}
     for entry in entries:

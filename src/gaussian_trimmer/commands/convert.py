@@ -16,7 +16,7 @@ from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.output.html.document import SUFFIXES
 from gaussian_trimmer.output.placing import PlacingOptions
-from gaussian_trimmer.planning.up_vector import DEFAULT_UP, find_up
+from gaussian_trimmer.trimming.up_vector import DEFAULT_UP, find_up
 
 
 @dataclass(frozen=True)

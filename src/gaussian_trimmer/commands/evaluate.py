@@ -24,9 +24,9 @@ from gaussian_trimmer.evaluation.results import StoredResult, cut_by, read_objec
 from gaussian_trimmer.evaluation.scoring import Cut, Judge, Scores, mean_scores
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable, heading, known_metrics, score_cells
 from gaussian_trimmer.gaussians import FloatArray, Gaussians
+from gaussian_trimmer.masks.mask_files import cameras_with_masks, find_mask
 from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
-from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, find_mask
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import Share, check_settings
 

@@ -10,7 +10,6 @@ from typing import Annotated, Any, ClassVar, Literal
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import RuleOptions
 from gaussian_trimmer.commands.tables import Findings, TableOptions, print_run
-from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.dataset_tables import table_beside_published, table_of_looks, table_of_tasks
 from gaussian_trimmer.evaluation.dataset_tasks import chosen_tasks, trials_of
@@ -23,10 +22,11 @@ from gaussian_trimmer.evaluation.runs import Run, Variant, measure
 from gaussian_trimmer.evaluation.scoring import RULES, Judge
 from gaussian_trimmer.evaluation.statistics import table_of_statistics
 from gaussian_trimmer.evaluation.task_ids import ids_of_tasks
+from gaussian_trimmer.masks import DEFAULT_SEGMENTER, SEGMENTERS, options_of, segmenter_with
 from gaussian_trimmer.options import Names, Positional, arg
-from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS, options_of, segmenter_with
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import check_settings, to_plain
+from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.trim_options import SegmenterOptions, preset_values
 
 

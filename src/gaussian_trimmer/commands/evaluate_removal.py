@@ -19,9 +19,9 @@ from gaussian_trimmer.evaluation.removal import IGNORED, INPAINT_RADIUS, covered
 from gaussian_trimmer.evaluation.results import read_background
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.masks.mask_files import cameras_with_masks
 from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
-from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks
 from gaussian_trimmer.settings import Range, check_settings
 
 _COLUMNS = ("PSNR (dB)", "SSIM")

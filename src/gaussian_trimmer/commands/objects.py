@@ -26,10 +26,10 @@ from gaussian_trimmer.io.manifest import is_made_of
 from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.options import arg
-from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.trimming.trim_options import TrimOptions
+from gaussian_trimmer.trimming.up_vector import UpVector, find_up
 
 _KIND = "objects"
 _MOST_LISTED = 40

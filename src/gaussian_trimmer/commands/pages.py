@@ -11,7 +11,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.options import arg
 from gaussian_trimmer.output.html.report_page import REPORT
 from gaussian_trimmer.output.html.viewer import Part, check_page_name, export_viewer
-from gaussian_trimmer.output.result import TrimResult
+from gaussian_trimmer.trimming.result import TrimResult
 
 
 @dataclass(frozen=True)

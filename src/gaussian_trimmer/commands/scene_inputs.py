@@ -77,7 +77,7 @@ class SceneInputs:
 def changed_words(settings: Any) -> list[str]:
     """Return the settings of a dataclass that are not the defaults, as words of a command.
 
-    >>> from gaussian_trimmer.selecting.overview import OverviewConfig
+    >>> from gaussian_trimmer.surface.overview import OverviewConfig
     >>> changed_words(OverviewConfig(ring=3, target=(0, 0.5, 1)))
     ['--target', '0', '0.5', '1', '--ring', '3']
     """

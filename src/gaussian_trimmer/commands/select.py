@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from rich.console import Console
 
-from gaussian_trimmer.cameras import CameraSet, up_frame
+from gaussian_trimmer.cameras import CameraSet, Viewpoint, up_frame
 from gaussian_trimmer.commands.console import in_lengths, print_up, refuse_existing
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words
@@ -19,22 +19,22 @@ from gaussian_trimmer.commands.trim_run import ResultOptions, SelectedScene, Tri
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.manifest import is_made_of
-from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.io.writing import atomic_folder, save_array
 from gaussian_trimmer.options import arg
-from gaussian_trimmer.output.result import THE_OBJECT
 from gaussian_trimmer.output.view_listing import VIEW_FILES, write_view_listing
-from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.lifting import lift_id_masks
-from gaussian_trimmer.selecting.marks import FromMasks, Mark, Marks, Viewpoint
+from gaussian_trimmer.selecting.marks import FromMasks, Mark, Marks
 from gaussian_trimmer.selecting.marks_file import read_marks
-from gaussian_trimmer.selecting.overview import Overview, OverviewConfig, drawn_rows, plan_views
-from gaussian_trimmer.selecting.saved_selection import note_on, save_array, save_selection
+from gaussian_trimmer.selecting.saved_selection import note_on, save_selection
 from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.selecting.view_lookup import resolve_views
 from gaussian_trimmer.settings import Range
+from gaussian_trimmer.surface.overview import Overview, OverviewConfig, drawn_rows, plan_views
+from gaussian_trimmer.trimming.result import THE_OBJECT
 from gaussian_trimmer.trimming.trim_options import TrimOptions
+from gaussian_trimmer.trimming.up_vector import UpVector, find_up
 
 _LISTING = "select --list-views"
 _END_PERCENTILES = (2, 98)

@@ -20,7 +20,6 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.options import Names, Positional, arg
-from gaussian_trimmer.output.result import THE_OBJECT
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.lifting import lift_id_masks
 from gaussian_trimmer.selecting.selection_input import read_selection, read_selection_result
@@ -32,6 +31,7 @@ from gaussian_trimmer.selection_files.selection_file import open_selection
 from gaussian_trimmer.selection_files.several import load_objects
 from gaussian_trimmer.selection_files.trimmed import is_trimmed
 from gaussian_trimmer.settings import check_settings, to_plain
+from gaussian_trimmer.trimming.result import THE_OBJECT
 from gaussian_trimmer.trimming.trim_options import TrimOptions
 
 

@@ -22,29 +22,29 @@ from gaussian_trimmer.commands.console import (
     progress_over_stages,
 )
 from gaussian_trimmer.commands.pages import PageOptions
-from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.geometry.bounds import robust_bounds
 from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.masks import Segmenter
+from gaussian_trimmer.masks.photographs import PhotoSegmenter, cameras_with_photos
 from gaussian_trimmer.options import arg
 from gaussian_trimmer.output.html.report_page import REPORT, sentence_of
 from gaussian_trimmer.output.placing import PlacingOptions
 from gaussian_trimmer.output.report import describe, object_entries
-from gaussian_trimmer.output.result import title_of
 from gaussian_trimmer.output.saving import PICTURE, RESULTS, result_files, write_trim
-from gaussian_trimmer.planning.photo_views import photo_views, visible_share
-from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import Renderer, get_renderer
-from gaussian_trimmer.segmentation.segmenters import Segmenter
-from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
 from gaussian_trimmer.selecting.marks import Click
 from gaussian_trimmer.selecting.marks_file import write_marks
 from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.settings import to_plain
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
+from gaussian_trimmer.trimming.config import TrimConfig
+from gaussian_trimmer.trimming.result import title_of
 from gaussian_trimmer.trimming.trim import trim_objects
 from gaussian_trimmer.trimming.trim_options import TrimOptions, views_of_masks
+from gaussian_trimmer.trimming.up_vector import UpVector, find_up
+from gaussian_trimmer.views.photo_views import photo_views, visible_share
 
 _USUAL_PHOTOS = 8
 """Number of photographs that are looked at, unless more views or another number are asked for."""

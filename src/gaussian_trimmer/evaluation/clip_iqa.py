@@ -23,7 +23,7 @@ import numpy as np
 
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
-from gaussian_trimmer.views import Box, bounding_box
+from gaussian_trimmer.views.view import Box, bounding_box
 
 PAIRS = {
     "clip_clear": ("clear boundary", "unclear boundary"),

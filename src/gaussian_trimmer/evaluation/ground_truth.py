@@ -20,8 +20,8 @@ from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.io.images import decoded_picture, picture_header
 from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
-from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, find_mask
-from gaussian_trimmer.views import HALF_COVERAGE
+from gaussian_trimmer.masks.mask_files import cameras_with_masks, find_mask
+from gaussian_trimmer.views.view import HALF_COVERAGE
 
 _MAX_FILE_BYTES = 1 << 28
 _MAX_PIXELS = 1 << 26

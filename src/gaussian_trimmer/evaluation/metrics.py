@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array
-from gaussian_trimmer.views import bounding_box, box_slices
+from gaussian_trimmer.views.view import bounding_box, box_slices
 
 Silhouette = NDArray[np.floating[Any]] | BoolArray
 Image = NDArray[np.floating[Any]]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.views import HALF
+from gaussian_trimmer.views.view import HALF
 
 FOUND_IOU, _MATCHING_IOU = 0.8, 0.5
 _SPLIT_SHARE, _MERGED_SHARE = 0.2, 0.5

@@ -13,7 +13,7 @@ from gaussian_trimmer.evaluation.ground_truth import TestView
 from gaussian_trimmer.evaluation.metrics import THRESHOLD, psnr, similarity_map
 from gaussian_trimmer.evaluation.scoring import HIGHEST_PSNR
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
-from gaussian_trimmer.views import grown
+from gaussian_trimmer.views.view import grown
 
 IGNORED = 0.1
 """Coverage by another object above which a pixel does not count."""

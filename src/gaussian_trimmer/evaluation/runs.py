@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
-from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.evaluation.ground_truth import TestView
 from gaussian_trimmer.evaluation.scoring import Cut, Judge, Scores, mean_scores
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.output.result import RowLabel, TrimResult
+from gaussian_trimmer.masks import DEFAULT_SEGMENTER, Segmenter
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter
+from gaussian_trimmer.trimming.config import TrimConfig
+from gaussian_trimmer.trimming.result import RowLabel, TrimResult
 from gaussian_trimmer.trimming.trim import trim
 
 MeanOver = Literal["objects", "scenes", "scenes, by view"]

@@ -14,10 +14,10 @@ from gaussian_trimmer.finding.find import Looks
 from gaussian_trimmer.finding.judging import FindConfig
 from gaussian_trimmer.finding.tall_things import TallThings
 from gaussian_trimmer.finding.tiles import Tile, tile_counts
-from gaussian_trimmer.finding.visible_surface import measure
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.planning.storey import Storey, find_storey, sampled
+from gaussian_trimmer.geometry.storey import Storey, find_storey, sampled
 from gaussian_trimmer.rendering import Renderer, parallel_map
+from gaussian_trimmer.surface.visible_surface import measure
 
 _MIN_SEEN = 0.5
 """Share of what is seen at the point that is of an object there, at least."""

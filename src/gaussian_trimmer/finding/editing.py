@@ -8,10 +8,10 @@ import numpy as np
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.found import FoundObjects
-from gaussian_trimmer.finding.regions import split_region
-from gaussian_trimmer.finding.visible_surface import find_visible_surface, views_of, with_hidden
 from gaussian_trimmer.gaussians import BoolArray, IntArray
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, get_renderer
+from gaussian_trimmer.surface.regions import split_region
+from gaussian_trimmer.surface.visible_surface import find_visible_surface, views_of, with_hidden
 
 
 def chosen_objects(

@@ -8,15 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.cameras import CameraSet, up_frame
+from gaussian_trimmer.cameras import CameraSet, Viewpoint, up_frame
 from gaussian_trimmer.finding.agreement import Candidate, agree
 from gaussian_trimmer.finding.found import FoundObject, FoundObjects, Verdict
 from gaussian_trimmer.finding.judging import MIN_SHARE_AT_ALL, FindConfig, judge, judge_surface
-from gaussian_trimmer.finding.regions import find_regions
-from gaussian_trimmer.finding.room_surfaces import Room, find_room
 from gaussian_trimmer.finding.tall_things import TallThings
 from gaussian_trimmer.finding.tiles import LARGEST_LOOK, Tile, plan_tiles, tile_counts
-from gaussian_trimmer.finding.visible_surface import (
+from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, Gaussians, IntArray, check_gaussians
+from gaussian_trimmer.geometry.limits import check_places
+from gaussian_trimmer.geometry.storey import Storey, find_storey
+from gaussian_trimmer.parallel import parallel_map
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
+from gaussian_trimmer.surface.overview import views_of_all
+from gaussian_trimmer.surface.regions import find_regions
+from gaussian_trimmer.surface.room_surfaces import Room, find_room
+from gaussian_trimmer.surface.visible_surface import (
     Look,
     MeasuredSurface,
     NothingShowsError,
@@ -28,15 +34,8 @@ from gaussian_trimmer.finding.visible_surface import (
     visible_surface,
     with_hidden,
 )
-from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, Gaussians, IntArray, check_gaussians
-from gaussian_trimmer.geometry.limits import check_places
-from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.planning.storey import Storey, find_storey
-from gaussian_trimmer.planning.up_vector import UpVector, find_up
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
-from gaussian_trimmer.selecting.marks import Viewpoint
-from gaussian_trimmer.selecting.overview import views_of_all
 from gaussian_trimmer.trimming.clock import Clock
+from gaussian_trimmer.trimming.up_vector import UpVector, find_up
 
 LEVELS = (3.0, 2.0, 1.0)
 """Log-odds that regions of a tile which touch must have to be joined, ever more easily."""

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.finding.visible_surface import VisibleSurface
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
-from gaussian_trimmer.planning.up_vector import UpVector
-from gaussian_trimmer.selecting.marks import Viewpoint
+from gaussian_trimmer.surface.visible_surface import VisibleSurface
+from gaussian_trimmer.trimming.up_vector import UpVector
 
 SURE = 0.5
 """How sure the program must be of an object, from 0 to 1, so that it is trimmed unless it is taken out."""

@@ -8,11 +8,11 @@ from typing import Annotated
 import numpy as np
 
 from gaussian_trimmer.finding.found import Verdict
-from gaussian_trimmer.finding.regions import FILLED, MIN_AREA
-from gaussian_trimmer.finding.room_surfaces import Room, RoomSurface
-from gaussian_trimmer.finding.visible_surface import VisibleSurface, seen_share
 from gaussian_trimmer.gaussians import BoolArray, IntArray
 from gaussian_trimmer.settings import Range, Share
+from gaussian_trimmer.surface.regions import FILLED, MIN_AREA
+from gaussian_trimmer.surface.room_surfaces import Room, RoomSurface
+from gaussian_trimmer.surface.visible_surface import VisibleSurface, seen_share
 
 MIN_SHARE_AT_ALL = 0.1
 """What shows less than this, relative to a sure object, is not named."""

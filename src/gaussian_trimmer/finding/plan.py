@@ -12,8 +12,8 @@ from gaussian_trimmer.finding.found import FoundObjects
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.output.pictures import Picture, as_picture
 from gaussian_trimmer.output.view_listing import draw_number
-from gaussian_trimmer.planning.camera_rings import NEAR_RADII
 from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.views.camera_rings import NEAR_RADII
 
 _LONGER_PIXELS = 1400
 _FONT_SCALE, _SMALL_FONT_SCALE, _MANY = 0.6, 0.3, 100

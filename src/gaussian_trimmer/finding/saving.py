@@ -14,12 +14,11 @@ import numpy as np
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.finding.found import FoundObject, FoundObjects
 from gaussian_trimmer.finding.plan import draw_plan
-from gaussian_trimmer.io.writing import write_json, write_whole
+from gaussian_trimmer.io.writing import save_array, write_json, write_whole
 from gaussian_trimmer.output.html.document import asset, document, json_block, text
 from gaussian_trimmer.output.pictures import Picture, as_picture, write_picture
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.selecting.overview import drawn_rows
-from gaussian_trimmer.selecting.saved_selection import save_array
+from gaussian_trimmer.surface.overview import drawn_rows
 
 FOUND_FILES = ("objects.npy", "objects.csv", "objects.json", "object_[0-9]*.png", "plan.png", "index.html", "batch.csv")
 """Patterns of the names of the files; the command adds the last one."""

@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 from gaussian_trimmer.cameras import up_frame
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
 from gaussian_trimmer.geometry.components import connected_voxels
-from gaussian_trimmer.planning.storey import Storey
-from gaussian_trimmer.views import HALF
+from gaussian_trimmer.geometry.storey import Storey
+from gaussian_trimmer.views.view import HALF
 
 _CELL = 1 / 40
 """Side of a cell of the plan, relative to the height of the storey: about as thick as a wall."""

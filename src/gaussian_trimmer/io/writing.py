@@ -15,6 +15,7 @@ import shutil
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -290,3 +291,21 @@ def _remove_empty_parents(folder: Path, names: Iterable[str]) -> None:
     for parent in sorted(parents, key=lambda parent: -len(parent.parts)):
         with suppress(OSError):
             (folder / parent).rmdir()
+
+
+def save_array(selection: NDArray[Any], path: Path) -> None:
+    """Write an .npy file; unlike `np.save`, this notices everywhere that a disk is full.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    write_whole(path, npy_bytes(selection))
+
+
+def npy_bytes(array: NDArray[Any]) -> bytes:
+    """Return the bytes of an .npy file."""
+    import numpy as np
+
+    buffer = BytesIO()
+    np.save(buffer, array, allow_pickle=False)
+    return buffer.getvalue()

@@ -10,9 +10,9 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
-from gaussian_trimmer.output.result import TrimmedObject
-from gaussian_trimmer.planning.observed_angles import cameras_that_see, observed_angles
-from gaussian_trimmer.planning.small_views import angles_around
+from gaussian_trimmer.trimming.result import TrimmedObject
+from gaussian_trimmer.views.observed_angles import cameras_that_see, observed_angles
+from gaussian_trimmer.views.small_views import angles_around
 
 _MAX_REACH_DEGREES = 36
 """Degrees of yaw to either side that one view judges at most: half the step of five views on a circle."""

@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.config import CONTEXT_RADIUS
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.output.checked_sides import CheckedSides, checked_sides
-from gaussian_trimmer.output.result import TrimmedObject, TrimResult
 from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.views import HALF, TrimmedView
+from gaussian_trimmer.trimming.config import CONTEXT_RADIUS
+from gaussian_trimmer.trimming.result import TrimmedObject, TrimResult
+from gaussian_trimmer.views.view import HALF, TrimmedView
+from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]

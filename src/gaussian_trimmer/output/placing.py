@@ -17,8 +17,8 @@ from gaussian_trimmer.output.hull import hull_as_obj
 from gaussian_trimmer.settings import Range
 
 if TYPE_CHECKING:  # conversions need no trimmer
-    from gaussian_trimmer.output.result import TrimResult
-    from gaussian_trimmer.planning.up_vector import UpVector
+    from gaussian_trimmer.trimming.result import TrimResult
+    from gaussian_trimmer.trimming.up_vector import UpVector
 
 POSES = "poses.json"
 """Name of the file that says where the files for a program lie in the scene."""

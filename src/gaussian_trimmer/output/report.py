@@ -13,7 +13,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import LabelArray
 from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.output.checked_sides import checked_sides, shrunk_side
-from gaussian_trimmer.output.result import THE_OBJECT, RowLabel, TrimmedObject, TrimResult
+from gaussian_trimmer.trimming.result import THE_OBJECT, RowLabel, TrimmedObject, TrimResult
 
 
 def describe(

@@ -16,9 +16,9 @@ from gaussian_trimmer.io.writing import atomic_folder, write_json, write_whole
 from gaussian_trimmer.output.html.report_page import REPORT, write_report_page
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
 from gaussian_trimmer.output.report import describe, file_stems
-from gaussian_trimmer.output.result import RowLabel, TrimResult
 from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.views import TrimmedView
+from gaussian_trimmer.trimming.result import RowLabel, TrimResult
+from gaussian_trimmer.views.view import TrimmedView
 
 RESULTS = "trim"
 """What the manifest of a folder calls these results."""

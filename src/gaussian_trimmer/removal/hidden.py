@@ -20,7 +20,7 @@ from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
 from gaussian_trimmer.removal.views import RemovalViews
-from gaussian_trimmer.views import TOUCHING_RADII
+from gaussian_trimmer.views.view import TOUCHING_RADII
 
 _MAX_ROUNDS = 3
 """What the interior itself has hidden shows when it is gone, and may be interior as well."""

@@ -25,7 +25,7 @@ from gaussian_trimmer.removal.shift_map import inpaint_shift_map
 from gaussian_trimmer.removal.surface_picture import PIXELS_A_RADIUS, SurfacePicture, take_picture
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface
 from gaussian_trimmer.removal.views import RemovalViews
-from gaussian_trimmer.views import HALF_COVERAGE, grown
+from gaussian_trimmer.views.view import HALF_COVERAGE, grown
 
 _RIM_PIXELS = 4
 """Pixels around a hole that are filled, too, since their colours are already those of the object."""

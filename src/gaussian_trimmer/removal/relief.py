@@ -23,7 +23,7 @@ from gaussian_trimmer.removal.shift_map import (
 )
 from gaussian_trimmer.removal.surface_picture import PIXELS_A_RADIUS, SurfacePicture
 from gaussian_trimmer.removal.surfaces import Surface
-from gaussian_trimmer.views import box_slices, grown
+from gaussian_trimmer.views.view import box_slices, grown
 
 _GRAIN_PIXELS = 12.0
 """Standard deviation of the blur that parts coarse structure from grain."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.views import bounding_box, box_slices, grown
+from gaussian_trimmer.views.view import bounding_box, box_slices, grown
 
 _MARGIN_PIXELS = 72
 """Examples are taken from this far around the hole."""

@@ -15,7 +15,7 @@ from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_al
 from gaussian_trimmer.removal.views import RemovalViews
 from gaussian_trimmer.rendering import Rendering
 from gaussian_trimmer.rendering.reference import view_colours
-from gaussian_trimmer.views import HALF, grown
+from gaussian_trimmer.views.view import HALF, grown
 
 PIXELS_A_RADIUS = 64
 _HALF_WIDTH_RADII = 2.0

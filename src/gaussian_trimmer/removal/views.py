@@ -12,7 +12,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.rendering import Renderer, Rendering, parallel_map
-from gaussian_trimmer.views import HALF
+from gaussian_trimmer.views.view import HALF
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,9 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.distances import distance_to_outside
 from gaussian_trimmer.selecting.marks import Effect
-from gaussian_trimmer.selecting.surface_cut import SurfaceCut
-from gaussian_trimmer.selecting.surface_graph import SurfaceGraph, build_surface_graph
-from gaussian_trimmer.selecting.viewed_scene import ViewedScene
+from gaussian_trimmer.surface.surface_cut import SurfaceCut
+from gaussian_trimmer.surface.surface_graph import SurfaceGraph, build_surface_graph
+from gaussian_trimmer.surface.viewed_scene import ViewedScene
 
 _COSTS = np.geomspace(0.05, 25.0, 14)
 """Costs of changing sides to try, by area in squared radii."""

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.cameras import Camera, CameraSet
-from gaussian_trimmer.decomposition.stroke_cuts import StrokeCut
+from gaussian_trimmer.cameras import Camera, CameraSet, Point, Viewpoint
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.tiles import LARGEST_LOOK
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, mask_of_rows
-from gaussian_trimmer.planning.storey import find_storey
+from gaussian_trimmer.geometry.storey import find_storey
+from gaussian_trimmer.masks.mask_files import cameras_with_masks, mask_of
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
-from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, mask_of
 from gaussian_trimmer.selecting.clicks import (
     NothingFoundError,
     Pick,
@@ -40,22 +39,21 @@ from gaussian_trimmer.selecting.marks import (
     Mark,
     Marks,
     Plane,
-    Point,
     Rows,
     Shrink,
     Sphere,
     View,
-    Viewpoint,
 )
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selecting.model_masks import PromptableModel, select_by_model
-from gaussian_trimmer.selecting.overview import drawn_part
 from gaussian_trimmer.selecting.row_packing import unpack_rows
 from gaussian_trimmer.selecting.shapes import grown, inside_shape, shrunk
 from gaussian_trimmer.selecting.strokes import drawn_over
-from gaussian_trimmer.selecting.viewed_scene import Target, ViewedScene, look_at_pixel
 from gaussian_trimmer.selection_files import load_selection
-from gaussian_trimmer.views import HALF
+from gaussian_trimmer.surface.overview import drawn_part
+from gaussian_trimmer.surface.viewed_scene import Target, ViewedScene, look_at_pixel
+from gaussian_trimmer.trimming.stroke_cuts import StrokeCut
+from gaussian_trimmer.views.view import HALF
 
 if TYPE_CHECKING:
     from gaussian_trimmer.finding.at_point import ThingsAtPoints

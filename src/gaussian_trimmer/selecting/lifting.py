@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
+from gaussian_trimmer.masks.mask_files import cameras_with_masks, ids_of
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.rendering.lifting import label_weights
-from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of
-from gaussian_trimmer.views import HALF_COVERAGE
+from gaussian_trimmer.views.view import HALF_COVERAGE
 
 LabelArray = NDArray[np.uint8]
 Ids = NDArray[np.integer[Any]]

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import Float64Array
+from gaussian_trimmer.cameras import Camera, Point, Viewpoint
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import Range
 
@@ -19,24 +18,6 @@ Effect = Literal["add", "remove", "intersect"]
 """What a mark does to the selection that the marks before it made."""
 Coordinates = Literal["scene", "up"]
 """Whether numbers are the scene's own coordinates, or turned so that z is up."""
-Point = tuple[float, float, float]
-
-
-def point_of(values: Float64Array) -> Point:
-    """Return an array (3,) as plain numbers."""
-    x, y, z = values.tolist()
-    return x, y, z
-
-
-@dataclass(frozen=True, eq=False)
-class Viewpoint:
-    """A view that pixels refer to, and which Gaussians are drawn in it."""
-
-    camera: Camera
-    drawn_centre: Point | None = None
-    """Middle of the ball in which Gaussians are drawn; None: all are."""
-    drawn_radius: float = 0.0
-    """Radius of that ball, in scene units."""
 
 
 View = Viewpoint | Camera | str | int

@@ -10,11 +10,11 @@ import numpy as np
 
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.camera_files.frames import make_intrinsics, rigid_transforms
-from gaussian_trimmer.cameras import Camera, unit_up
+from gaussian_trimmer.cameras import Camera, Point, Viewpoint, unit_up
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.reading import is_file, read_json
 from gaussian_trimmer.io.writing import write_json
-from gaussian_trimmer.selecting.marks import KINDS, Mark, Marks, Point, View, Viewpoint
+from gaussian_trimmer.selecting.marks import KINDS, Mark, Marks, View
 from gaussian_trimmer.settings import from_plain, to_plain, wrong_value
 
 CONTENT = "selection marks"

@@ -16,15 +16,15 @@ from typing import Protocol
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
-from gaussian_trimmer.segmentation.segmenters.prompts import Prompt, expected_logits
-from gaussian_trimmer.segmentation.segmenters.sam_onnx import Candidates
+from gaussian_trimmer.masks.prompts import Prompt, expected_logits
+from gaussian_trimmer.masks.sam_onnx import Candidates
 from gaussian_trimmer.selecting.clicks import NothingFoundError, Pick, select_by_box, select_by_click
 from gaussian_trimmer.selecting.lifting import lift_by_assignment
 from gaussian_trimmer.selecting.propagation import propagate_mask
 from gaussian_trimmer.selecting.segment_in_box import fills
-from gaussian_trimmer.selecting.viewed_scene import ViewedScene
-from gaussian_trimmer.views import HALF, Box, bounding_box, mask_overlap
+from gaussian_trimmer.surface.viewed_scene import ViewedScene
+from gaussian_trimmer.views.view import HALF, Box, bounding_box, mask_overlap
+from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
 _SAME_OVERLAP = 0.75
 """Intersection over union from which on the model and the built-in way mean the same."""

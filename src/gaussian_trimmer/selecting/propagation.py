@@ -13,10 +13,10 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
 from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.selecting.surface_cut import HIDDEN_UNARY, SurfaceCut
-from gaussian_trimmer.selecting.surface_graph import SurfaceGraph, axis_ends, build_surface_graph
-from gaussian_trimmer.selecting.viewed_scene import ViewedScene
-from gaussian_trimmer.views import bounding_box
+from gaussian_trimmer.surface.surface_cut import HIDDEN_UNARY, SurfaceCut
+from gaussian_trimmer.surface.surface_graph import SurfaceGraph, axis_ends, build_surface_graph
+from gaussian_trimmer.surface.viewed_scene import ViewedScene
+from gaussian_trimmer.views.view import bounding_box
 
 _COLOUR_ROUNDS = 3
 _VISIBLE_UNARY = 15.0

@@ -8,17 +8,14 @@ from __future__ import annotations
 import zlib
 from contextlib import suppress
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.io.reading import file_bytes, is_file, read_json
-from gaussian_trimmer.io.writing import atomic_file, write_json, write_whole
+from gaussian_trimmer.io.writing import atomic_file, npy_bytes, write_json
 from gaussian_trimmer.selecting.marks_file import is_marks_file, marks_as_json, relative_to
 from gaussian_trimmer.selecting.row_packing import pack_rows, unpack_rows
 from gaussian_trimmer.selecting.selection_result import SelectionResult
@@ -56,28 +53,13 @@ def save_selection(selection: SelectionResult, path: Path, scene: Path | None = 
         InputError: a file cannot be written.
     """
     assert selection.marks is not None and selection.excluded is not None, "marks made it"
-    rows, removed = _as_npy(selection.mask), pack_rows(selection.excluded)
+    rows, removed = npy_bytes(selection.mask), pack_rows(selection.excluded)
     note = SelectionNote(zlib.crc32(rows), int(np.count_nonzero(selection.mask)), removed, path.name, scene)
     document = marks_as_json(selection.marks, path.parent)
     document["selection"] = to_plain(note, {Path: lambda place: relative_to(place, path.parent)})
     with atomic_file(path) as part:  # both are on the disk before either takes its place
         part.write_bytes(rows)
         write_json(document, path.with_suffix(".json"))
-
-
-def save_array(selection: NDArray[Any], path: Path) -> None:
-    """Write an .npy file; unlike `np.save`, this notices everywhere that a disk is full.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    write_whole(path, _as_npy(selection))
-
-
-def _as_npy(selection: NDArray[Any]) -> bytes:
-    buffer = BytesIO()
-    np.save(buffer, selection, allow_pickle=False)
-    return buffer.getvalue()
 
 
 def note_on(path: Path) -> SelectionNote | None:

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, mask_of_rows
-from gaussian_trimmer.selecting.surface_cut import HIDDEN_UNARY, SurfaceCut
-from gaussian_trimmer.selecting.surface_graph import SurfaceGraph, axis_ends, build_surface_graph
-from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, ViewedScene, surface_depths
-from gaussian_trimmer.views import Box, bounding_box, box_slices
+from gaussian_trimmer.surface.surface_cut import HIDDEN_UNARY, SurfaceCut
+from gaussian_trimmer.surface.surface_graph import SurfaceGraph, axis_ends, build_surface_graph
+from gaussian_trimmer.surface.viewed_scene import CONTRIBUTORS, ViewedScene, surface_depths
+from gaussian_trimmer.views.view import Box, bounding_box, box_slices
 
 _UNARIES = np.geomspace(0.05, 1.6, 8)
 """Unary terms of the surface that is visible in the box to try, by area in squared radii."""

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.cameras import CameraSet, Viewpoint
 from gaussian_trimmer.gaussians import Gaussians, check_gaussians
 from gaussian_trimmer.geometry.limits import check_places
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
 from gaussian_trimmer.selecting.interpretation import apply_marks
-from gaussian_trimmer.selecting.marks import Mark, Marks, Viewpoint
+from gaussian_trimmer.selecting.marks import Mark, Marks
 from gaussian_trimmer.selecting.marks_file import read_marks
 from gaussian_trimmer.selecting.model_masks import PromptableModel
 from gaussian_trimmer.selecting.selection_result import SelectionResult

@@ -14,7 +14,7 @@ from gaussian_trimmer.selecting.marks import Marks
 from gaussian_trimmer.selecting.marks_file import write_marks
 
 if TYPE_CHECKING:  # most selections are read from files, and need no kernels
-    from gaussian_trimmer.decomposition.stroke_cuts import StrokeCut
+    from gaussian_trimmer.trimming.stroke_cuts import StrokeCut
 
 
 @dataclass(frozen=True, eq=False)

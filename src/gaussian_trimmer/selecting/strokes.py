@@ -7,13 +7,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.cameras import Camera, Viewpoint
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.selecting.marks import Stroke, Viewpoint
-from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, small_view, surface_depths, surface_points
-from gaussian_trimmer.views import HALF, MIN_SEEN_PIXELS
+from gaussian_trimmer.selecting.marks import Stroke
+from gaussian_trimmer.surface.viewed_scene import CONTRIBUTORS, small_view, surface_depths, surface_points
+from gaussian_trimmer.views.view import HALF, MIN_SEEN_PIXELS
 
 _SHIFT = 4
 """Bits of a pixel's fraction in OpenCV's coordinates."""

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
+from gaussian_trimmer.cameras import Camera, CameraSet, Viewpoint, point_of, training_cameras
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
-from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.selecting.marks import Box, Click, Mark, Marks, View, Viewpoint, point_of
-from gaussian_trimmer.selecting.overview import plan_views
-from gaussian_trimmer.selecting.viewed_scene import check_pixel
+from gaussian_trimmer.selecting.marks import Box, Click, Mark, Marks, View
 from gaussian_trimmer.selection_files import SelectionOptions
+from gaussian_trimmer.surface.overview import plan_views
+from gaussian_trimmer.surface.viewed_scene import check_pixel
+from gaussian_trimmer.trimming.up_vector import find_up
 
 
 def resolve_views(

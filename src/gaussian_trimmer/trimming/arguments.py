@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaussian_trimmer.cameras import Camera, CameraSet, vector_of_up
-from gaussian_trimmer.config import TrimConfig
-from gaussian_trimmer.decomposition.stroke_cuts import StrokeCut
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
+from gaussian_trimmer.masks import Segmenter
 from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.planning.up_vector import UpVector
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.segmentation.segmenters import Segmenter
 from gaussian_trimmer.settings import check_settings
+from gaussian_trimmer.trimming.config import TrimConfig
+from gaussian_trimmer.trimming.stroke_cuts import StrokeCut
+from gaussian_trimmer.trimming.up_vector import UpVector
 
 Made = TypeVar("Made")
 

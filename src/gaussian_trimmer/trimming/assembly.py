@@ -7,16 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaussian_trimmer.cameras import training_cameras
-from gaussian_trimmer.decomposition.refinement import Pieces, refine
-from gaussian_trimmer.decomposition.stroke_cuts import cut_at_stroke
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, LabelArray, concatenate
-from gaussian_trimmer.output.result import RowLabel, TrimmedObject, TrimResult
+from gaussian_trimmer.masks import description_of, name_of
 from gaussian_trimmer.removal.inpainting import scale_radiance
 from gaussian_trimmer.removal.remove import Removal
-from gaussian_trimmer.segmentation.segmenters import description_of, name_of
 from gaussian_trimmer.trimming.arguments import Setup
 from gaussian_trimmer.trimming.clock import LOG
 from gaussian_trimmer.trimming.decision import Decision
+from gaussian_trimmer.trimming.refinement import Pieces, refine
+from gaussian_trimmer.trimming.result import RowLabel, TrimmedObject, TrimResult
+from gaussian_trimmer.trimming.stroke_cuts import cut_at_stroke
 
 
 def assemble_object(

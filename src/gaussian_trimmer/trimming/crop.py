@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera, training_cameras
-from gaussian_trimmer.config import CONTEXT_RADIUS
 from gaussian_trimmer.gaussians import (
     BoolArray,
     Float64Array,
@@ -20,12 +19,13 @@ from gaussian_trimmer.gaussians import (
     mask_of_rows,
 )
 from gaussian_trimmer.geometry.bounds import Bounds, touching
-from gaussian_trimmer.planning.observed_angles import cameras_that_see
-from gaussian_trimmer.planning.observed_side import limit_yaw_to_observed
-from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.rendering import Renderer, Rendering, parallel_map
 from gaussian_trimmer.trimming.arguments import Setup
-from gaussian_trimmer.views import HALF, View, bounding_box, clearly_nearer, visible_weight
+from gaussian_trimmer.trimming.config import CONTEXT_RADIUS
+from gaussian_trimmer.views.observed_angles import cameras_that_see
+from gaussian_trimmer.views.observed_side import limit_yaw_to_observed
+from gaussian_trimmer.views.view import HALF, View, bounding_box, clearly_nearer, visible_weight
+from gaussian_trimmer.views.virtual_cameras import plan_cameras
 
 _MOST_STEPS = 8
 """Limit to the work: steps from Gaussian to touching Gaussian in which what is selected hangs together with the

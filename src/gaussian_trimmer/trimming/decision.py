@@ -13,22 +13,22 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gaussian_trimmer.cameras import training_cameras
-from gaussian_trimmer.decomposition.alpha_targets import OutlineViews, resized_mask
-from gaussian_trimmer.decomposition.evidence import Decomposition, prune_halo, vote
-from gaussian_trimmer.decomposition.straddlers import split_straddlers
 from gaussian_trimmer.gaussians import BoolArray, IntArray, LabelArray, mask_of_rows
 from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
-from gaussian_trimmer.planning.diagnosis import find_wrong_input, selection_warning, up_warning
-from gaussian_trimmer.planning.small_views import close_up_of, views_at_heights
-from gaussian_trimmer.planning.up_vector import UpVector, find_up
-from gaussian_trimmer.segmentation.acceptance import check_masks, excessive_loss, rejection
-from gaussian_trimmer.segmentation.label_crf import correct_labels
-from gaussian_trimmer.segmentation.segmenters import knows_outlines, mask_source_of
+from gaussian_trimmer.masks import knows_outlines, mask_source_of
+from gaussian_trimmer.trimming.acceptance import check_masks, excessive_loss, rejection
+from gaussian_trimmer.trimming.alpha_targets import OutlineViews, resized_mask
 from gaussian_trimmer.trimming.arguments import RoughObject, Setup
 from gaussian_trimmer.trimming.clock import Clock
 from gaussian_trimmer.trimming.crop import SceneCrop, complete_views, crop_scene, render_crop
+from gaussian_trimmer.trimming.diagnosis import find_wrong_input, selection_warning, up_warning
+from gaussian_trimmer.trimming.evidence import Decomposition, prune_halo, vote
+from gaussian_trimmer.trimming.label_crf import correct_labels
 from gaussian_trimmer.trimming.plugin_checks import checked_masks
-from gaussian_trimmer.views import HALF, TrimmedView, without_pictures
+from gaussian_trimmer.trimming.straddlers import split_straddlers
+from gaussian_trimmer.trimming.up_vector import UpVector, find_up
+from gaussian_trimmer.views.small_views import close_up_of, views_at_heights
+from gaussian_trimmer.views.view import HALF, TrimmedView, without_pictures
 
 
 @dataclass(frozen=True, eq=False)

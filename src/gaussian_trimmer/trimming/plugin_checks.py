@@ -10,9 +10,9 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.masks import Segmenter, name_of
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.segmentation.segmenters import Segmenter, name_of
-from gaussian_trimmer.views import HALF_COVERAGE, View
+from gaussian_trimmer.views.view import HALF_COVERAGE, View
 
 _PIXELS = 16
 

@@ -11,24 +11,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaussian_trimmer.cameras import Camera, CameraSet, as_camera_set
-from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import Gaussians, LabelArray, check_gaussians
 from gaussian_trimmer.geometry.bounds import own_frame, robust_bounds
 from gaussian_trimmer.geometry.limits import check_magnitudes
-from gaussian_trimmer.output.result import THE_OBJECT, TrimResult
-from gaussian_trimmer.planning.diagnosis import up_warning
-from gaussian_trimmer.planning.small_views import views_of_place
-from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, find_up
+from gaussian_trimmer.masks import DEFAULT_SEGMENTER, Segmenter, get_segmenter
 from gaussian_trimmer.removal.remove import Removal, remove
 from gaussian_trimmer.removal.views import RemovalViews
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
-from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, get_segmenter
 from gaussian_trimmer.trimming.arguments import RoughObject, Setup, mask_of_excluded, rough_objects, settings
 from gaussian_trimmer.trimming.assembly import assemble_object, assemble_result
 from gaussian_trimmer.trimming.clock import LOG, Clock, Progress
+from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.decision import Decision, decide
+from gaussian_trimmer.trimming.diagnosis import up_warning
 from gaussian_trimmer.trimming.overlaps import resolve_overlaps
 from gaussian_trimmer.trimming.plugin_checks import check_renderer
+from gaussian_trimmer.trimming.result import THE_OBJECT, TrimResult
+from gaussian_trimmer.trimming.up_vector import KNOWN_SOURCES, find_up
+from gaussian_trimmer.views.small_views import views_of_place
 
 
 def trim(

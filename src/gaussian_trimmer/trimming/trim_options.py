@@ -8,12 +8,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from gaussian_trimmer.cameras import Camera, CameraSet
-from gaussian_trimmer.config import PlanConfig, TrimConfig, paper_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.reading import read_json
-from gaussian_trimmer.options import Names, arg
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES
-from gaussian_trimmer.segmentation.segmenters import (
+from gaussian_trimmer.masks import (
     DEFAULT_SEGMENTER,
     PAPER_SEGMENTER,
     SEGMENTERS,
@@ -25,7 +22,10 @@ from gaussian_trimmer.segmentation.segmenters import (
     paper_options,
     segmenter_with,
 )
+from gaussian_trimmer.options import Names, arg
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES
 from gaussian_trimmer.settings import from_plain, hints_of
+from gaussian_trimmer.trimming.config import PlanConfig, TrimConfig, paper_config
 
 SegmenterOptions = all_options()
 

@@ -20,9 +20,9 @@ from gaussian_trimmer.output.pictures import (
     nearby_scene,
 )
 from gaussian_trimmer.output.report import object_entries
-from gaussian_trimmer.output.result import RowLabel, TrimmedObject, TrimResult
-from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.trimming.result import RowLabel, TrimmedObject, TrimResult
+from gaussian_trimmer.views.observed_angles import cameras_that_see
 
 _Thing = TypeVar("_Thing")
 _MOST_PIXELS = 512

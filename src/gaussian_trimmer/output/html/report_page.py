@@ -11,7 +11,6 @@ from typing import Any
 import cv2
 from markupsafe import Markup
 
-from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.output.html.document import as_markup, asset, document, render
 from gaussian_trimmer.output.html.figures import (
@@ -27,8 +26,9 @@ from gaussian_trimmer.output.html.figures import (
 )
 from gaussian_trimmer.output.pictures import Picture
 from gaussian_trimmer.output.report import alerts
-from gaussian_trimmer.output.result import TrimResult
-from gaussian_trimmer.planning.up_vector import up_text
+from gaussian_trimmer.trimming.config import TrimConfig
+from gaussian_trimmer.trimming.result import TrimResult
+from gaussian_trimmer.trimming.up_vector import up_text
 
 REPORT = "report.html"
 """Name of the page among the results."""

@@ -17,7 +17,7 @@ from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds
 from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.html.document import SUFFIXES, as_markup, asset, document, json_block, render
-from gaussian_trimmer.output.result import TrimResult
+from gaussian_trimmer.trimming.result import TrimResult
 
 MOST_GAUSSIANS = 1_000_000
 """Gaussians that a page holds at most: 43 MB, opened in some five seconds and sorted in under half of one."""

@@ -1,1 +1,0 @@
-"""Virtual Camera Planning (VCP), the first stage: which way is up, and where the virtual cameras stand."""

@@ -1,0 +1,114 @@
+"""An object alone and in its scene: what of it the scene confirms, and the alpha that it should show alone.
+
+A photograph's pixel belongs to the object, or it does not; only those on its outline are shared. Gaussians are softer
+than that, and what they show near an outline is a guess that has to be sharpened. Two guesses are at hand, which err to
+different sides: the share of the picture that the object's Gaussians have where the whole scene is rendered, S, is too
+small where others shine through or lie before the object's edge; the opacity of the object rendered alone, A, is too
+large where the scene hides what sticks out. So A is right where the scene shows at least half of it. Where it shows
+less, the geometric mean of A and 2 S takes over, which is as large at a half and nothing where the scene shows nothing.
+This is made twice as steep (docs/decisions/fitted-outlines.md), so that an outline grows sharp where it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import cv2
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate
+from gaussian_trimmer.geometry.planes import Plane
+from gaussian_trimmer.parallel import parallel_map
+from gaussian_trimmer.rendering.gradients import Drawing, draw, draw_with
+from gaussian_trimmer.trimming.fitting import Target
+from gaussian_trimmer.views.view import HALF, clearly_nearer
+
+_SHARPENING_FACTOR = 2.0
+"""Factor by which coverage is steeper at an outline than the Gaussians show it."""
+_TRUSTED_SHARE = 0.5
+"""Share of the object's opacity alone that the scene has to show for that opacity to be right."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectRender:
+    """An object in a view: alone, and in its scene."""
+
+    alone: Drawing
+    """The object by itself."""
+    picture: FloatArray
+    """Colours of the scene, (3, H, W). Without a mask only tiles that the object reaches are drawn."""
+    share: FloatArray
+    """Sum of the blend weights that the object's Gaussians have in the scene, S, (H, W)."""
+    mask: FloatArray | None
+    """Known coverage of what is visible of the object, in place of the labels', (H, W)."""
+    consistent: BoolArray
+    """Where the scene shows at least half of what the object shows alone, or where the mask has it, (H, W)."""
+    unknown: BoolArray
+    """Where something clearly nearer hides the object, so that this view cannot tell what is there, (H, W)."""
+
+
+@dataclass(frozen=True, eq=False)
+class OutlineViews:
+    """Small views of an object, and what is known of it there."""
+
+    cameras: Sequence[Camera]
+    masks: Sequence[FloatArray] | None
+    """Coverage of what is visible of the object in each view, (H, W); None if it must follow from the labels."""
+    radius: float
+    """The object's radius in scene units."""
+    ground: Plane | None = None
+    """What it stands on, if anything: nothing of it is below."""
+    occluders: Gaussians | None = None
+    """What else the views show before the object; None: nothing."""
+
+    def render(self, inner: Gaussians, background: Gaussians) -> list[ObjectRender]:
+        """Render an object, alone and among the Gaussians around it, in each view."""
+        masks: Sequence[FloatArray | None] = [None] * len(self.cameras) if self.masks is None else self.masks
+        everything = concatenate([inner, background, *([self.occluders] if self.occluders else [])])
+        member = np.zeros((len(everything), 1), np.float32)
+        member[: len(inner)] = 1
+        return list(parallel_map(partial(self._render, inner, everything, member), self.cameras, masks))
+
+    def _render(
+        self, inner: Gaussians, everything: Gaussians, member: FloatArray, camera: Camera, mask: FloatArray | None
+    ) -> ObjectRender:
+        alone = draw(inner, camera)
+        # Where the object does not reach, only a mask can ask for something to be shown.
+        together, (share,) = draw_with(everything, camera, member, alone.reached if mask is None else None)
+        depth = alone.depth
+        consistent = share >= _TRUSTED_SHARE * alone.image[3] if mask is None else mask > HALF
+        unknown = clearly_nearer(together.depth, depth, self.radius) & ~consistent
+        if self.ground is not None:
+            unknown &= ~self.ground.pixels_below(camera, depth)
+        return ObjectRender(alone, together.image[:3], share, mask, consistent, unknown)
+
+
+def coverage_target(render: ObjectRender) -> Target:
+    """Return what the object alone should show in a view, with no weight where the view cannot tell."""
+    opacity, coverage = render.alone.image[3], render.mask
+    if coverage is None:
+        shown = np.minimum(opacity, np.sqrt(np.maximum(opacity * render.share, 0) / _TRUSTED_SHARE))
+        coverage = np.clip(HALF + _SHARPENING_FACTOR * (shown - HALF), 0, 1)
+    picture = np.concatenate([np.clip(render.picture, 0, 1) * coverage, coverage[None]]).astype(np.float32)
+    counts = np.where(render.unknown, np.float32(0), np.float32(1))
+    # The three channels of colour count as much together as coverage does.
+    return Target(render.alone.camera, picture, np.stack([counts / 3, counts / 3, counts / 3, counts]))
+
+
+def resized_mask(mask: BoolArray, camera: Camera) -> FloatArray:
+    """Return how much of each pixel of a camera's smaller image a mask covers, in [0, 1], (H, W)."""
+    size = camera.width, camera.height
+    return np.asarray(cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def thin_share(drawings: Sequence[Drawing]) -> float:
+    """Return how much of what an object covers in some views is less than three pixels wide: leaves, wires, spokes."""
+    covered, thick, square = 0, 0, np.ones((3, 3), np.uint8)
+    for drawing in drawings:
+        mask = (drawing.image[3] > HALF).astype(np.uint8)
+        covered += int(mask.sum())
+        thick += int(cv2.morphologyEx(mask, cv2.MORPH_OPEN, square).sum())
+    return 1 - thick / covered if covered else 0.0

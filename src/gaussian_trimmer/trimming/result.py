@@ -1,0 +1,238 @@
+"""What a trim returns: objects, the scene without them, and how they were obtained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, LabelArray, concatenate, mask_of_rows
+from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.trimming.config import TrimConfig
+from gaussian_trimmer.trimming.up_vector import UpVector
+from gaussian_trimmer.views.view import TrimmedView
+
+THE_OBJECT = "object"
+"""Name of the object of a trim of one."""
+_LISTED = 3
+"""Number of objects that are named in a result's line."""
+
+
+class RowLabel(IntEnum):
+    """What happened to the Gaussian in a row of an object or of the background.
+
+    The names in lower case are those of `labels.npz`.
+    """
+
+    KEPT = 0
+    """It is on the side that the selection put it on."""
+    REMOVED = 1
+    """It was selected and is now in the background."""
+    ADDED = 2
+    """It was not selected and is now in the object."""
+    SPLIT_INSIDE = 3
+    """It is the part of a split Gaussian that lies in the object."""
+    SPLIT_OUTSIDE = 4
+    """It is the part of a split Gaussian that lies in the background."""
+    FILLED = 5
+    """It is new, and continues what the object stood on or leaned against; its scene row is -1."""
+    RELIT = 6
+    """It is in the background without the object's shadow, brighter than in the scene."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrimmedObject:
+    """An object of M Gaussians, and how it was obtained."""
+
+    id: int
+    name: str
+    """What it was called; its id as text if it had no name."""
+    gaussians: Gaussians
+    """Whole Gaussians in the order of the scene, then the inner parts of split ones, (M,)."""
+    source_index: IntArray
+    """Scene row of each, (M,)."""
+    label: NDArray[np.uint8]
+    """What happened to each, a `RowLabel`, (M,)."""
+    selected_rows: IntArray
+    """Scene rows that were selected, ascending."""
+    up: UpVector
+    bounds: Bounds
+    """Bounds of the selected object, which the views frame."""
+    views: tuple[TrimmedView, ...]
+    """The views that the trimmer looked from; none if the inputs were found wrong before. Those of several objects are
+    kept without pictures and masks."""
+    refused: str | None
+    """Why it is as it was selected; None if it was trimmed."""
+    warnings: tuple[str, ...]
+    """What may be wrong although it was trimmed, a sentence each."""
+    floaters: int
+    """Number of selected Gaussians that lie too far from the object to belong to it."""
+    lost: int
+    """Number of Gaussians that it claimed and another object got."""
+    fitted: IntArray
+    """Its rows, ascending, that are not as in the scene because they were fitted to its outline."""
+    not_fitted: str | None
+    """Why the outline was not fitted although it was asked for; None if it was, or was not to be."""
+    not_filled: str | None
+    """Why nothing continues where it was although that was asked for; None if something does, or was not to."""
+    seconds: dict[str, float]
+    """Time taken by each stage that looks at this object alone."""
+
+    def __repr__(self) -> str:
+        counts = f"{len(self.gaussians):,} Gaussians, {len(self.selected_rows):,} selected"
+        return f"<TrimmedObject {self.name!r}: {counts}, {'refused' if self.refused else 'trimmed'}>"
+
+    @property
+    def title(self) -> str:
+        """What to call it in pages and pictures."""
+        return title_of(self.name)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrimResult:
+    """Objects and the scene without them: every Gaussian of the scene is in one of them, split, or discarded.
+
+    Where there is one object, `object` and the other properties up to `warnings` speak of it.
+    """
+
+    scene: Gaussians
+    """The N Gaussians that were given."""
+    objects: tuple[TrimmedObject, ...]
+    appended: Gaussians
+    """What the background has that the scene has not: outer parts of split Gaussians, relit ones, filled ones."""
+    background_source: IntArray
+    """Scene row of each of the B rows of the background: whole Gaussians in the order of the scene, then what is
+    appended; -1 for filled ones."""
+    background_label: NDArray[np.uint8]
+    """What happened to each, a `RowLabel`, (B,)."""
+    discarded: IntArray
+    """Scene rows, ascending, that nothing has: what only the objects hid, and what new Gaussians took the place of."""
+    contested: int
+    """Number of Gaussians that several objects claimed."""
+    config: TrimConfig
+    """The settings."""
+    renderer: str
+    """Name of the renderer."""
+    segmenter: str
+    """What the segmenter says of itself: its name, or more."""
+    used_renderer: Renderer
+    """The renderer itself, which draws the pictures that are saved."""
+    cameras: tuple[Camera, ...]
+    """The training cameras, if known."""
+    seconds: dict[str, float]
+    """Time taken by each stage; of several objects, by each object and by the stages that they share."""
+
+    def __repr__(self) -> str:
+        parts = ", ".join(f"{part.title} of {len(part.gaussians):,}" for part in self.objects[:_LISTED])
+        more = f" and {len(self.objects) - _LISTED} more" if len(self.objects) > _LISTED else ""
+        return f"<TrimResult: {parts}{more}, and a background of {len(self.background_source):,} Gaussians>"
+
+    @cached_property
+    def background(self) -> Gaussians:
+        """The scene without the objects."""
+        return concatenate([self.scene.select(self.background_rows), self.appended])
+
+    @property
+    def background_rows(self) -> IntArray:
+        """Scene rows, ascending, of the Gaussians that are in the background as they were."""
+        return self.background_source[: len(self.background_source) - len(self.appended)]
+
+    @property
+    def labels(self) -> LabelArray:
+        """Id of the object that has each Gaussian of the scene, whole or in part, and 0 for none, (N,)."""
+        labels = np.zeros(len(self.scene), np.int32)
+        for part in self.objects:
+            labels[part.source_index] = part.id
+        return labels
+
+    @property
+    def only(self) -> TrimmedObject:
+        """The object where there is one.
+
+        Raises:
+            InputError: there are several.
+        """
+        if len(self.objects) != 1:
+            raise InputError(f"The result has {len(self.objects)} objects; look at each of result.objects.")
+        return self.objects[0]
+
+    @property
+    def object(self) -> Gaussians:
+        """The object's Gaussians."""
+        return self.only.gaussians
+
+    @property
+    def object_mask(self) -> BoolArray:
+        """Which Gaussians of the scene the object has, whole or in part, (N,)."""
+        return mask_of_rows(self.only.source_index, len(self.scene))
+
+    @property
+    def selection(self) -> BoolArray:
+        """Which Gaussians were selected, (N,)."""
+        return mask_of_rows(self.only.selected_rows, len(self.scene))
+
+    @property
+    def up(self) -> UpVector:
+        """The up vector."""
+        return self.only.up
+
+    @property
+    def bounds(self) -> Bounds:
+        """Bounds of the selected object."""
+        return self.only.bounds
+
+    @property
+    def views(self) -> tuple[TrimmedView, ...]:
+        """The views that the trimmer looked from."""
+        return self.only.views
+
+    @property
+    def refused(self) -> str | None:
+        """Why the selection was returned unchanged; None if it was trimmed."""
+        return self.only.refused
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What may be wrong with the inputs."""
+        return self.only.warnings
+
+    def count(self, label: RowLabel | int) -> int:
+        """Return the number of rows of objects and background with a label."""
+        labels = [*(part.label for part in self.objects), self.background_label]
+        return sum(int(np.count_nonzero(of_part == label)) for of_part in labels)
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """What `report.json` holds: settings, cameras, up vector, views accepted or rejected and why, counts, times."""
+        from gaussian_trimmer.output.report import describe
+
+        return describe(self)
+
+    def save(self, folder: str | Path, **options: Any) -> Path:
+        """Write what the command line writes, and return the folder; see `gaussian_trimmer.save` for the options."""
+        from gaussian_trimmer.output.saving import save
+
+        return save(self, folder, **options)
+
+    def export_viewer(self, path: str | Path, part: str = "object", *, overwrite: bool = False) -> None:
+        """Write a page that draws the object in any browser; see `gaussian_trimmer.export_viewer`."""
+        from gaussian_trimmer.output.html.viewer import export_viewer
+
+        export_viewer(self, path, part, overwrite=overwrite)
+
+
+def title_of(name: str) -> str:
+    """Return what to call an object: its name, or the number that stands for one.
+
+    >>> title_of("mug"), title_of("3")
+    ('mug', 'object 3')
+    """
+    return f"object {name}" if name.isdigit() else name

@@ -1,0 +1,188 @@
+"""Boundary Gaussian Decomposition: the Gaussians that show at the masks' contours, their cut planes, and the cut."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import cv2
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.geometry.distances import distance_to_outside
+from gaussian_trimmer.geometry.split import SPLIT_RULES
+from gaussian_trimmer.rendering import Renderer, parallel_map
+from gaussian_trimmer.settings import Range
+from gaussian_trimmer.trimming.evidence import Decomposition
+from gaussian_trimmer.views.view import TrimmedView
+
+_MAX_OFFSET = 3.0
+"""Distance of a plane from the centre, in standard deviations along its normal, from which it cuts nothing off."""
+_CONTOUR_SMOOTHING = 1.5
+"""Standard deviation of the blur of the signed distance, in pixels: contours of masks are staircases."""
+_MIN_SLOPE = 0.1
+"""Slope of the signed distance below which a pixel is equally far from several parts of the contour."""
+
+
+@dataclass(frozen=True)
+class BoundaryConfig:
+    """Which Gaussians straddle the boundary."""
+
+    band: Annotated[int, Range(1, 64)] = 2
+    """Distance from a mask's contour, in pixels, within which contributing Gaussians are looked up."""
+    contributors: Annotated[int, Range(1, 256)] = 10
+    """Number of Gaussians looked up at each of these pixels, those of largest blend weight."""
+
+
+@dataclass(frozen=True)
+class SplitConfig:
+    """What is done with Gaussians that straddle the boundary."""
+
+    rule: Literal["plane", "principal_axis", "sagd", "none"] = "none"
+    """`plane`: cut at the silhouette; `principal_axis`: eqs. 8 and 9 of the paper; `sagd`: SAGD's single, smaller
+    child; `none`: no Gaussian is split."""
+
+
+@dataclass(frozen=True, eq=False)
+class Straddlers:
+    """Gaussians that show on both sides of a mask's contour, each with the plane that cuts it best."""
+
+    rows: IntArray
+    """Row numbers, ascending, (S,)."""
+    normals: Float64Array
+    """Unit normals of the cut planes, towards the object, (S, 3)."""
+    offsets: Float64Array
+    """Signed distance of the centre from the plane, positive inside, in standard deviations along the normal, (S,)."""
+    minor_weight: Float64Array
+    """Blend weight on the side that the Gaussian shows less on, in the view that gave the plane, (S,)."""
+
+
+def split_straddlers(
+    gaussians: Gaussians,
+    candidates: BoolArray,
+    accepted: Sequence[TrimmedView],
+    renderer: Renderer,
+    boundary: BoundaryConfig,
+    config: SplitConfig,
+) -> Decomposition:
+    """Cut the Gaussians that straddle the outline of the object in the views.
+
+    Args:
+        gaussians: what the views show: L Gaussians, of which the first N may be cut.
+        candidates: which of these N may be, (N,).
+        accepted: views whose masks were accepted.
+        renderer: gives blend weights, and the contributors of the contours' pixels.
+        boundary: which Gaussians straddle.
+        config: the rule that cuts them.
+
+    Returns:
+        A division of the N Gaussians of which nothing is decided yet: all candidates are members.
+    """
+    if config.rule == "none" or not candidates.any():
+        return Decomposition(candidates, np.zeros(0, np.int64))
+    found = find_straddlers(gaussians, candidates, accepted, renderer, boundary)
+    cut = SPLIT_RULES[config.rule](gaussians.select(found.rows), found.normals, found.offsets)
+    return Decomposition(candidates, found.rows, *cut)
+
+
+def find_straddlers(
+    gaussians: Gaussians,
+    candidates: BoolArray,
+    views: Sequence[TrimmedView],
+    renderer: Renderer,
+    config: BoundaryConfig,
+) -> Straddlers:
+    """Find straddlers over all views. Where several views find the same one, that of the largest minor weight cuts it.
+
+    Args:
+        gaussians: what the views show: L Gaussians, of which the first N may straddle.
+        candidates: which of these N may, (N,).
+        views: accepted views.
+        renderer: gives blend weights, and the contributors of the contours' pixels.
+        config: thresholds.
+    """
+
+    def in_view(trimmed: TrimmedView) -> Straddlers:
+        return straddlers_in_view(gaussians, candidates, trimmed.view.camera, trimmed.mask, renderer, config)
+
+    found = list(parallel_map(in_view, views, using=[renderer]))
+    rows = np.concatenate([straddlers.rows for straddlers in found])
+    normals = np.concatenate([straddlers.normals for straddlers in found])
+    offsets = np.concatenate([straddlers.offsets for straddlers in found])
+    minor_weight = np.concatenate([straddlers.minor_weight for straddlers in found])
+    order = np.lexsort((-minor_weight, rows))
+    first = order[np.unique(rows[order], return_index=True)[1]]
+    return Straddlers(rows[first], normals[first], offsets[first], minor_weight[first])
+
+
+def contour_pixels(mask: BoolArray, band: int) -> IntArray:
+    """Return pixels (x, y) within `band` of a mask's contour, on either side, (P, 2); the image's edge is none."""
+    kernel = np.ones((2 * band + 1, 2 * band + 1), np.uint8)
+    padded = cv2.copyMakeBorder(mask.astype(np.uint8), band, band, band, band, cv2.BORDER_REPLICATE)
+    ring = (cv2.dilate(padded, kernel) != cv2.erode(padded, kernel))[band:-band, band:-band]
+    rows, columns = np.nonzero(ring)
+    return np.stack([columns, rows], axis=1)
+
+
+def signed_distance(mask: BoolArray) -> FloatArray:
+    """Return the distance of every pixel to the mask's contour in pixels, positive inside, (H, W)."""
+    return np.asarray(np.where(mask, distance_to_outside(mask) - 0.5, 0.5 - distance_to_outside(~mask)), np.float32)
+
+
+def straddlers_in_view(
+    gaussians: Gaussians,
+    candidates: BoolArray,
+    camera: Camera,
+    mask: BoolArray,
+    renderer: Renderer,
+    config: BoundaryConfig,
+) -> Straddlers:
+    """Find the straddlers of one mask (H, W); arguments as those of `find_straddlers`."""
+    none = Straddlers(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+    pixels = contour_pixels(mask, config.band)
+    if len(pixels) == 0:
+        return none
+    ids, contributions = renderer.top_contributors(gaussians, camera, pixels, config.contributors)
+    rows = np.unique(ids[(ids >= 0) & (ids < len(candidates)) & (contributions > 0)])
+    weights = renderer.blend_weights(gaussians, camera, mask.astype(np.uint8), 2)
+    minor_weight = weights.min(axis=1)
+    rows = rows[candidates[rows] & (minor_weight[rows] > 0)]
+    if len(rows) == 0:
+        return none
+    normals, distances = _tangent_planes(gaussians.means[rows].astype(np.float64), camera, mask)
+    covariances = gaussians.select(rows).covariances()
+    spread = np.sqrt(np.einsum("ni,nij,nj->n", normals, covariances, normals))
+    usable = (spread > 0) & np.isfinite(distances)
+    offsets = np.divide(distances, spread, out=np.zeros_like(distances), where=spread > 0)
+    usable &= np.abs(offsets) < _MAX_OFFSET
+    return Straddlers(rows[usable], normals[usable], offsets[usable], minor_weight[rows][usable].astype(np.float64))
+
+
+def _tangent_planes(means: Float64Array, camera: Camera, mask: BoolArray) -> tuple[Float64Array, Float64Array]:
+    """Find the plane through the camera and the tangent of the contour nearest to the projection of each centre (S, 3).
+
+    Returns unit normals towards the mask's inside (S, 3) and the centres' signed distances in scene units (S,). The
+    contour is where the smoothed signed distance is zero; its gradient at the centre's pixel points across the contour.
+    """
+    height, width = mask.shape
+    distance = cv2.GaussianBlur(signed_distance(mask), (0, 0), _CONTOUR_SMOOTHING)
+    slope_y, slope_x = np.gradient(distance)
+    pixels, _ = camera.project(means)
+    column = np.clip(np.nan_to_num(pixels[:, 0]), 0, width - 1).astype(np.int64)
+    row = np.clip(np.nan_to_num(pixels[:, 1]), 0, height - 1).astype(np.int64)
+    across = np.stack([slope_x[row, column], slope_y[row, column]], axis=1).astype(np.float64)
+    slope = np.linalg.norm(across, axis=1, keepdims=True)
+    across = np.divide(across, slope, out=np.zeros_like(across), where=slope > _MIN_SLOPE)
+    # Two pixels of the tangent line: the contour's nearest point, and one beside it.
+    nearest_point = np.stack([column, row], axis=1) + 0.5 - distance[row, column, None] * across
+    tangent = np.stack([-across[:, 1], across[:, 0]], axis=1)
+    first, second = (camera.ray_directions(nearest_point + step * tangent) for step in (-1.0, 1.0))
+    normals = np.cross(first, second)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+    inner = camera.ray_directions(nearest_point + across)
+    normals *= np.where(np.einsum("ni,ni->n", normals, inner) < 0, -1.0, 1.0)[:, None]
+    distances = np.einsum("ni,ni->n", normals, means - camera.centre)
+    return normals, np.where(slope[:, 0] > _MIN_SLOPE, distances, np.nan)
