@@ -1,0 +1,17 @@
+"""What the last release had and this one has not, and what takes its place."""
+
+from __future__ import annotations
+
+GONE = {
+    "completion": "Shells complete file names by themselves; 'gaussian-trimmer COMMAND --help' lists the options.",
+    "evaluate objects": "Use 'evaluate' with one --masks folder an object.",
+    "evaluate spin-nerf": "Use 'evaluate' with the masks and cameras of a scene.",
+    "evaluate 3d-ovs": "Use 'evaluate' with the masks and cameras of a scene.",
+    "--renderer": "Leave it out: the CPU renderer draws everything.",
+    "--photos": "Make masks of the photographs with any tool, and give their folder with --masks.",
+    "--export-viewer": "Open object.ply in any splat viewer; splat-transform writes a page that holds a scene.",
+    "--box3d": "Cut by boxes in the app ('view'), or give booleans of your own as the selection.",
+    "--sphere": "Cut by balls in the app ('view'), or give booleans of your own as the selection.",
+    "--plane": "Cut by planes in the app ('view'), or give booleans of your own as the selection.",
+}
+"""Commands and options of the last release -> a sentence with the cure. An entry stays for one release."""
