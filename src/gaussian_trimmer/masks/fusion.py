@@ -8,7 +8,7 @@ What is so thin that it falls between the cells of a mask's grid, a rod or a wir
 they all do.
 
 The weights are a logistic regression of which of the two was right, by the ground truth of 66 selections of 12 objects
-in three scenes; they hold when each scene is left out in turn (docs/decisions/models.md).
+in three scenes; they hold when each scene is left out in turn (docs/decisions.md).
 """
 
 from __future__ import annotations

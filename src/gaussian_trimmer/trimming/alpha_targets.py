@@ -6,7 +6,7 @@ different sides: the share of the picture that the object's Gaussians have where
 small where others shine through or lie before the object's edge; the opacity of the object rendered alone, A, is too
 large where the scene hides what sticks out. So A is right where the scene shows at least half of it. Where it shows
 less, the geometric mean of A and 2 S takes over, which is as large at a half and nothing where the scene shows nothing.
-This is made twice as steep (docs/decisions/fitted-outlines.md), so that an outline grows sharp where it is.
+This is made twice as steep (docs/decisions.md), so that an outline grows sharp where it is.
 """
 
 from __future__ import annotations

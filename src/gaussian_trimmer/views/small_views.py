@@ -85,7 +85,7 @@ def views_of_place(bounds: Bounds, size: int, above: bool = False) -> list[Camer
     """Return small views from all sides at two heights, those of the upper one between those of the lower one.
 
     They go around the whole circle even where the object was seen from one side only: with views of that side alone,
-    hidden Gaussians behind the object pass for parts of it (docs/decisions/filled-background.md).
+    hidden Gaussians behind the object pass for parts of it (docs/decisions.md).
 
     Args:
         bounds: the object's bounds, which the views frame; their third axis is up.
