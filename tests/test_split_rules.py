@@ -129,7 +129,7 @@ def test_children_turn_with_their_parents(rule):
 
 
 def compare_profiles(opacity):
-    """The worst errors over offsets in [-2, 2], of the kinds that docs/splitting.md lists, relative to the parent."""
+    """The worst errors over offsets in [-2, 2], of the kinds that docs/paper.md lists, relative to the parent."""
     offsets = np.linspace(-2, 2, 33)
     n = len(offsets)
     parent = concatenate([gaussian(mean=(0, 0, 0), scale=1.0, opacity=opacity)] * n)

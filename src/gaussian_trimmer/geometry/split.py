@@ -2,7 +2,7 @@
 
 A rule takes M Gaussians, the unit normals of their planes, which point to the inside (M, 3), and the signed distances d
 of their centres from their planes in units of sigma_n = sqrt(n' Sigma n), positive inside (M,). It returns the inside
-children and the outside children, row i from row i; colours and extra columns are inherited. `docs/splitting.md`
+children and the outside children, row i from row i; colours and extra columns are inherited. `docs/paper.md`
 derives the rules and compares them.
 """
 
