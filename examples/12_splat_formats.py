@@ -7,7 +7,7 @@ import numpy as np
 
 import gaussian_trimmer as gt
 from gaussian_trimmer import formats, sample
-from gaussian_trimmer.formats.morton import morton_order
+from gaussian_trimmer.formats.packing import morton_order
 
 scene = gt.read(sample.SCENE)
 scene = scene.select(morton_order(scene.means))  # compressed files become smaller and more precise

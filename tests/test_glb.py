@@ -9,7 +9,7 @@ from format_samples import ATTRIBUTES, error, rotation_error, round_trip, sample
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.half_turns import half_turn
+from gaussian_trimmer.formats.glb import half_turn
 
 NAME = "KHR_gaussian_splatting"
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from format_samples import sample
 
-from gaussian_trimmer.formats.half_turns import AXIS_SIGNS, SH_SIGNS, half_turn
+from gaussian_trimmer.formats.glb import AXIS_SIGNS, SH_SIGNS, half_turn
 
 
 @pytest.mark.parametrize("axis", ["x", "z"])

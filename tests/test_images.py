@@ -9,7 +9,7 @@ import pytest
 
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.images import decoded_picture, picture_header
+from gaussian_trimmer.io.reading import decoded_picture, picture_header
 from gaussian_trimmer.masks.mask_files import find_mask, ids_of, mask_of
 from gaussian_trimmer.masks.photographs import cameras_with_photos, photo_of
 

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 import toy
 
+from gaussian_trimmer import selection_files
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.selecting import lifting
 from gaussian_trimmer.selecting.lifting import (
     lift_by_assignment,
     lift_objects_by_assignment,
     sum_label_weights,
 )
-from gaussian_trimmer.selection_files.label_assignment import assign_labels
+from gaussian_trimmer.selection_files.labels import assign_labels
 
 REFERENCE = get_renderer("reference")
 
@@ -104,12 +104,31 @@ def many_objects() -> tuple[Gaussians, list[Camera], list[np.ndarray]]:
 def test_objects_lifted_in_passes_are_those_lifted_at_once(gamma: float, monkeypatch: pytest.MonkeyPatch) -> None:
     cloud, views, labels = many_objects()
     weights = sum_label_weights(cloud, views, labels, 256, REFERENCE)
-    at_once = assign_labels(weights, gamma)
+    lengths = np.linalg.norm(weights, axis=1, keepdims=True)
+    scaled = weights / np.where(lengths > 0, lengths, 1) + gamma * np.eye(256)[0]
+    at_once = np.where(lengths[:, 0] > 0, scaled.argmax(axis=1), 0)
     assert len(np.unique(at_once)) > 20
     for objects in (1, 7, 16):
-        monkeypatch.setattr(lifting, "_OBJECTS_PER_PASS", objects)
+        monkeypatch.setattr(selection_files.labels, "_OBJECTS_AT_ONCE", objects)
         found = lift_objects_by_assignment(cloud, views, labels, REFERENCE, gamma)
         np.testing.assert_array_equal(found, at_once)
+
+
+@pytest.mark.parametrize(
+    ("row", "gamma", "label"),
+    [
+        ([2.0, 2.0], 0.0, 0),  # a tie is background
+        ([0.0, 5.0, 5.0], 0.0, 1),  # a tie of two objects goes to the lower number
+        ([3.0, 4.0], 0.19, 1),  # 0.6 + gamma against 0.8
+        ([3.0, 4.0], 0.21, 0),
+        ([300.0, 400.0], 0.19, 1),  # the same however much it is seen
+        ([0.0, 1e-30], 0.9, 1),
+        ([0.0, 0.0], -1.0, 0),
+    ],
+)
+def test_assignment_of_one_row(row: list[float], gamma: float, label: int) -> None:
+    weights, numbers = np.array([row]), np.arange(1, len(row))
+    assert assign_labels(1, numbers, lambda part: weights[:, [0, *part]], gamma).tolist() == [label]
 
 
 def test_one_object_in_one_pass_equals_the_single_assignment() -> None:

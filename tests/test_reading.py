@@ -6,8 +6,7 @@ import zipfile
 import pytest
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.archives import member_bytes, open_archive
-from gaussian_trimmer.io.reading import file_bytes, reading
+from gaussian_trimmer.io.reading import file_bytes, member_bytes, open_archive, reading
 
 
 def test_files_that_change_while_they_are_read(tmp_path):

@@ -69,7 +69,7 @@ class TestSubset:
         assert np.flatnonzero(found).tolist() == [3, 4, 5]
         assert notes == ["part.ply: 1 of 3 rows by the nearest Gaussian"]
 
-    @pytest.mark.parametrize("suffix", [".splat", ".spz", ".sog", ".compressed.ply", ".ksplat"])
+    @pytest.mark.parametrize("suffix", [".splat", ".spz", ".sog", ".compressed.ply"])
     def test_cut_outs_of_rounded_formats_in_any_order(self, tmp_path, suffix):
         scene, truth = toy.ball_on_floor()
         rows = np.random.default_rng(0).permutation(np.flatnonzero(truth))

@@ -15,7 +15,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.pictures import cameras_around
-from gaussian_trimmer.selection_files.several import load_objects
+from gaussian_trimmer.selection_files import load_objects
 from gaussian_trimmer.trimming.arguments import rough_objects
 from gaussian_trimmer.trimming.config import EvidenceConfig, RefineConfig, SplitConfig
 from gaussian_trimmer.trimming.result import RowLabel

@@ -13,10 +13,10 @@ from format_samples import ATTRIBUTES, error, rotation_error, round_trip, sample
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.codebooks import row_codebook, scalar_codebook
+from gaussian_trimmer.formats.packing import row_codebook, scalar_codebook
 from gaussian_trimmer.formats.sog import decode_webp, encode_webp
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.io.images import webp_size
+from gaussian_trimmer.io.reading import webp_size
 
 
 def members(path: Path) -> dict[str, bytes]:

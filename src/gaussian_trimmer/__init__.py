@@ -19,8 +19,8 @@ from gaussian_trimmer.lazy_import import late_attributes
 TYPE_CHECKING = False
 if TYPE_CHECKING:  # `typing` takes longer to import than all that is imported here
     from gaussian_trimmer import batch
+    from gaussian_trimmer.camera_files import cameras_from_arrays
     from gaussian_trimmer.camera_files import read_camera_set as read_cameras
-    from gaussian_trimmer.camera_files.arrays import cameras_from_arrays
     from gaussian_trimmer.errors import InputError
     from gaussian_trimmer.finding.editing import chosen_objects
     from gaussian_trimmer.finding.find import find_objects
@@ -68,7 +68,7 @@ _LATE = {
     "TrimConfig": "gaussian_trimmer.trimming.config:TrimConfig",
     "TrimResult": "gaussian_trimmer.trimming.result:TrimResult",
     "batch": "gaussian_trimmer.batch",
-    "cameras_from_arrays": "gaussian_trimmer.camera_files.arrays:cameras_from_arrays",
+    "cameras_from_arrays": "gaussian_trimmer.camera_files:cameras_from_arrays",
     "chosen_objects": "gaussian_trimmer.finding.editing:chosen_objects",
     "describe": "gaussian_trimmer.output.report:describe",
     "export_viewer": "gaussian_trimmer.output.html.viewer:export_viewer",

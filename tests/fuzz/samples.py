@@ -15,7 +15,6 @@ from typing import Any
 import cv2
 import numpy as np
 import test_camera_files
-import test_ksplat
 import test_nerfstudio
 from format_samples import sample
 from selection_builders import save_ply
@@ -109,8 +108,6 @@ def _splat_readers() -> dict[str, Reader]:
                  _written(lambda path: formats.write(sample(9, 3), path), f"a{suffix}")] for suffix in formats.FORMATS
     }  # fmt: skip
     samples[".ply"] += [_written(lambda path: save_ply(path, SCENE), "a.ply"), {"a.ply": _ascii_ply()}]
-    samples[".ksplat"] += [{"a.ksplat": test_ksplat.packed_file(test_ksplat.compact(14, 2), level)} for level in (1, 2)]
-    samples[".ksplat"] += [{"a.ksplat": test_ksplat.with_empty_section(level, 2, first=True)} for level in (0, 1)]
     samples[".ckpt"] = [{"a.ckpt": test_nerfstudio.checkpoint(sample(9, degree))} for degree in (0, 2)]
     with zipfile.ZipFile(io.BytesIO(samples[".sog"][0]["a.sog"])) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}

@@ -25,8 +25,7 @@ from gaussian_trimmer.app.project import (
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.names import safe_file_name
-from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.io.writing import atomic_folder, safe_file_name
 from gaussian_trimmer.output.engines import ENGINES, EngineName, placement_for
 from gaussian_trimmer.output.html.viewer import export_viewer
 from gaussian_trimmer.output.placing import PlacingOptions

@@ -12,7 +12,7 @@ from gaussian_trimmer.app.page import Control, Page
 from gaussian_trimmer.app.showing import COLOURINGS, PARTS, WHENS, Showing
 from gaussian_trimmer.app.snapshots import Colour, Snapshot, TrimChoices
 from gaussian_trimmer.cameras import Point, point_of
-from gaussian_trimmer.io.names import safe_file_name
+from gaussian_trimmer.io.writing import safe_file_name
 from gaussian_trimmer.output.engines import ENGINES, EngineName
 from gaussian_trimmer.selecting.marks import Effect
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError, clip_name
-from gaussian_trimmer.io.names import safe_file_name
+from gaussian_trimmer.io.writing import safe_file_name
 from gaussian_trimmer.masks import DEFAULT_SEGMENTER, SEGMENTERS, options_kind
 from gaussian_trimmer.output.placing import PlacingOptions
 from gaussian_trimmer.output.saving import suffix_of

@@ -33,7 +33,7 @@ from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.options import arg, parse
 from gaussian_trimmer.output.placing import PlacingOptions
 from gaussian_trimmer.selection_files import SelectionOptions
-from gaussian_trimmer.selection_files.object_ids import count_ids
+from gaussian_trimmer.selection_files.labels import count_ids
 from gaussian_trimmer.selection_files.selection_file import open_selection
 from gaussian_trimmer.trimming.trim_options import TrimOptions
 

@@ -15,7 +15,6 @@ _BYTES_PER_FILE_BYTE = {
     ".ply": 1.0,
     ".compressed.ply": 4.0,
     ".splat": 2.0,
-    ".ksplat": 4.0,
     ".spz": 12.0,
     ".sog": 48.0,
     ".glb": 1.2,

@@ -4,20 +4,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO, cast
 
 import numpy as np
 
-from gaussian_trimmer.camera_files.frames import (
-    DISTORTION_TOLERANCE,
-    Intrinsics,
-    PosedImage,
-    floats,
-    make_intrinsics,
-    rigid_transforms,
-)
+from gaussian_trimmer.camera_files.frames import DISTORTION_TOLERANCE, Lens, floats, make_lens, rigid_transforms
+from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, rotation_matrices
 
@@ -39,20 +32,12 @@ _MODELS = {
 distortion. The place in the table is the model's id in binary files."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Image:
-    """An entry of the images file."""
-
-    camera_id: int
-    name: str
-    where: str
-    """What messages on it begin with."""
-    pose: Float64Array
-    """Quaternion (w, x, y, z) and translation, (7,)."""
+Image = tuple[int, str, Float64Array]
+"""Camera, name, and quaternion (w, x, y, z) with translation (7,), of an entry of the images file."""
 
 
-def read_colmap_frames(path: Path) -> list[PosedImage]:
-    """Return the images of an images file and of the cameras file beside it.
+def read_colmap(path: Path) -> CameraSet:
+    """Return the cameras of an images file and of the cameras file beside it; names are as the file gives them.
 
     Raises:
         InputError: a file is damaged, the two do not fit each other, or a camera is not possible.
@@ -67,34 +52,38 @@ def read_colmap_frames(path: Path) -> list[PosedImage]:
         raise InputError(
             f"The COLMAP model '{path.parent}' is truncated or damaged: a file ends inside an entry; export it again."
         ) from error
-    for image in images:
-        if image.camera_id not in lenses:
+    for camera_id, name, _ in images:
+        if camera_id not in lenses:
             raise InputError(
-                f"{image.where}: its camera {image.camera_id} is not in '{cameras.name}'; export both files together."
+                f"{_place(path, name)}: its camera {camera_id} is not in '{cameras.name}'; export both files together."
             )
-    numbers = np.array([image.pose for image in images]).reshape(-1, 7)
+    numbers = np.array([pose for _, _, pose in images]).reshape(-1, 7)
     poses = np.empty((len(images), 3, 4))
     with np.errstate(all="ignore"):  # a quaternion without a direction makes a pose that is not finite
         # The rotation is computed in float64; the annotation of the scene's quaternions is float32.
         poses[:, :, :3] = rotation_matrices(cast(FloatArray, numbers[:, :4]))
     poses[:, :, 3] = numbers[:, 4:]
-    transforms = rigid_transforms(list(poses), lambda i: images[i].where)
-    return [
-        PosedImage(image.name, pose, lenses[image.camera_id]) for image, pose in zip(images, transforms, strict=True)
-    ]
+    transforms = rigid_transforms(list(poses), lambda i: _place(path, images[i][1]))
+    taken = [lenses[camera_id] for camera_id, _, _ in images]
+    return CameraSet(
+        tuple(Camera(transforms[i], *lens, images[i][1]) for i, (lens, _) in enumerate(taken)),
+        None,
+        (True,) * len(images),
+        any(distorted for _, distorted in taken),
+    )
 
 
-def _binary_lenses(path: Path) -> Iterator[tuple[int, Intrinsics]]:
+def _binary_lenses(path: Path) -> Iterator[tuple[int, tuple[Lens, bool]]]:
     with path.open("rb") as file:
         for _ in range(_values(file, "Q")[0]):
             camera_id, model_id, width, height = _values(file, "IiQQ")
             where = f"'{path}', camera {camera_id}"
             name = list(_MODELS)[model_id] if 0 <= model_id < len(_MODELS) else str(model_id)
             count, _ = _MODELS.get(name, (0, 0))
-            yield camera_id, _intrinsics(name, _values(file, f"{count}d"), width, height, where)
+            yield camera_id, _lens(name, _values(file, f"{count}d"), width, height, where)
 
 
-def _binary_images(path: Path) -> Iterator[_Image]:
+def _binary_images(path: Path) -> Iterator[Image]:
     with path.open("rb") as file:
         for _ in range(_values(file, "Q")[0]):
             _, *pose, camera_id = _values(file, "I7dI")
@@ -110,7 +99,7 @@ def _values(file: BinaryIO, layout: str) -> tuple[Any, ...]:
     return struct.unpack(f"<{layout}", file.read(struct.calcsize(f"<{layout}")))
 
 
-def _text_lenses(path: Path) -> Iterator[tuple[int, Intrinsics]]:
+def _text_lenses(path: Path) -> Iterator[tuple[int, tuple[Lens, bool]]]:
     with path.open(encoding="utf-8", errors="replace") as file:
         for line in _lines(file):
             where = f"'{path}', line '{clip_name(line)}'"
@@ -118,10 +107,10 @@ def _text_lenses(path: Path) -> Iterator[tuple[int, Intrinsics]]:
             if len(words) < 5:
                 raise InputError(f"{where}: a camera needs more than four entries; is the file damaged?")
             camera_id, name, width, height, *parameters = words
-            yield _integer(camera_id, where), _intrinsics(name, parameters, width, height, where)
+            yield _integer(camera_id, where), _lens(name, parameters, width, height, where)
 
 
-def _text_images(path: Path) -> Iterator[_Image]:
+def _text_images(path: Path) -> Iterator[Image]:
     with path.open(encoding="utf-8", errors="replace") as file:
         for line in _lines(file):
             where, words = f"'{path}', line '{clip_name(line)}'", line.split(maxsplit=9)
@@ -143,16 +132,21 @@ def _integer(text: str, where: str) -> int:
         raise InputError(f"{where}: '{clip_name(text)}' is not a whole number; is the file damaged?") from None
 
 
-def _image(path: Path, camera_id: int, name: str, pose: Sequence[Any]) -> _Image:
-    where = f"'{path}', image '{clip_name(name)}'"
-    return _Image(camera_id, name, where, floats(pose, (7,), f"{where}: quaternion and translation"))
+def _image(path: Path, camera_id: int, name: str, pose: Sequence[Any]) -> Image:
+    return camera_id, name, floats(pose, (7,), f"{_place(path, name)}: quaternion and translation")
 
 
-def _intrinsics(name: str, parameters: Sequence[Any], width: Any, height: Any, where: str) -> Intrinsics:
+def _place(path: Path, name: str) -> str:
+    """Return what messages on an image begin with."""
+    return f"'{path}', image '{clip_name(name)}'"
+
+
+def _lens(name: str, parameters: Sequence[Any], width: Any, height: Any, where: str) -> tuple[Lens, bool]:
+    """Return a lens, and whether it moves pixels away from where the matrix alone projects them."""
     if name not in _MODELS:
         raise InputError(f"{where}: unknown camera model '{clip_name(name)}'; undistort to PINHOLE with COLMAP first.")
     count, focals = _MODELS[name]
     p = floats(parameters, (count,), f"{where}: the parameters of {name}").tolist()
     fx, fy, (cx, cy) = p[0], p[focals - 1], p[focals : focals + 2]
     distorted = "FISHEYE" in name or any(abs(coefficient) > DISTORTION_TOLERANCE for coefficient in p[focals + 2 :])
-    return make_intrinsics((fx, fy, cx, cy), width, height, distorted, where)
+    return make_lens((fx, fy, cx, cy), width, height, where), distorted

@@ -1,17 +1,20 @@
-"""What every camera file says of an image, its lens and its pose, and the checks that these are possible."""
+"""Lenses and poses from files and arrays, and the checks that they are possible."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.io.reading import LARGEST
 
+Lens = tuple[Float64Array, int, int]
+"""Intrinsic matrix in pixels, (3, 3), width and height."""
 DISTORTION_TOLERANCE = 1e-4
 """Largest distortion coefficient that is taken for zero: it moves the corner of a 1000-pixel image by 0.05 pixels."""
 _RIGID_TOLERANCE = 1e-2
@@ -22,36 +25,8 @@ _MAX_SIDES = 1e4
 focal lengths, in parts of it, at least. Fields of view end at 0.006 and 179.99 degrees so."""
 
 
-@dataclass(frozen=True, eq=False)
-class Intrinsics:
-    """Intrinsics that several images may share."""
-
-    K: Float64Array
-    """Intrinsic matrix in pixels, (3, 3)."""
-    width: int
-    """Image width in pixels."""
-    height: int
-    """Image height in pixels."""
-    distorted: bool
-    """Whether the lens moves pixels away from where K alone projects them."""
-
-
-@dataclass(frozen=True, eq=False)
-class PosedImage:
-    """One image as read, before its name is settled."""
-
-    path: str
-    """The image's name or path, as the file gives it."""
-    world_to_camera: Float64Array
-    """Rigid transform from world to camera coordinates, OpenCV axes, (4, 4)."""
-    intrinsics: Intrinsics
-    """The lens that took the image."""
-    train: bool = True
-    """Whether it is a training image."""
-
-
-def make_intrinsics(pinhole: Sequence[Any], width: Any, height: Any, distorted: bool, where: str) -> Intrinsics:
-    """Return intrinsics from fx, fy, cx, cy and the image size.
+def make_lens(pinhole: Sequence[Any], width: Any, height: Any, where: str) -> Lens:
+    """Return the lens of fx, fy, cx, cy and an image size.
 
     Raises:
         InputError: they are not possible; the message begins with `where`.
@@ -68,7 +43,7 @@ def make_intrinsics(pinhole: Sequence[Any], width: Any, height: Any, distorted: 
             f"{where}: the focal lengths {fx:g} and {fy:g} with the principal point ({cx:g}, {cy:g}) are not possible "
             f"for an image of {size[0]:g} x {size[1]:g} pixels."
         )
-    return Intrinsics(np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), int(size[0]), int(size[1]), distorted)
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), int(size[0]), int(size[1])
 
 
 def rigid_transforms(poses: Sequence[Any], where: Callable[[int], str]) -> Float64Array:
@@ -132,3 +107,46 @@ def floats(values: Any, shape: tuple[int, ...], what: str) -> Float64Array:
         count = " x ".join(map(str, shape)) or "one"
         raise InputError(f"{what} must be {count} finite number{'s' if shape else ''} up to {LARGEST:g}.")
     return array
+
+
+def cameras_from_arrays(world_to_camera: Any, K: Any, sizes: Any, names: Sequence[str] = ()) -> CameraSet:
+    """Return the cameras that arrays, or tensors on any device, hold, as gsplat's rasterization takes them.
+
+    Args:
+        world_to_camera: rigid transforms from world to camera, OpenCV axes, (V, 4, 4) or (V, 3, 4).
+        K: intrinsic matrices in pixels, (V, 3, 3), or (3, 3) for all.
+        sizes: widths and heights of the pictures in pixels, (V, 2), or (2,) for all.
+        names: of the pictures; by default numbers.
+
+    Raises:
+        InputError: shapes do not fit, a pose is not rigid, or a lens is not possible.
+
+    >>> cameras = cameras_from_arrays(np.eye(4)[None], [[500, 0, 320], [0, 500, 240], [0, 0, 1]], (640, 480))
+    >>> cameras.cameras[0].width, cameras.cameras[0].forward.tolist()
+    (640, [0.0, 0.0, 1.0])
+    """
+    poses, matrices, pixels = (_numbers(values) for values in (world_to_camera, K, sizes))
+    n = len(poses) if poses.ndim == 3 else 0
+    if not n or matrices.shape not in ((3, 3), (n, 3, 3)) or pixels.shape not in ((2,), (n, 2)):
+        raise InputError(
+            f"world_to_camera, K and sizes have the shapes {poses.shape}, {matrices.shape} and {pixels.shape}; "
+            "(V, 4, 4), (V, 3, 3) or (3, 3), and (V, 2) or (2,) are needed."
+        )
+    if names and len(names) != n:
+        raise InputError(f"There are {len(names)} names for {n} cameras.")
+    transforms = rigid_transforms(list(poses), lambda i: f"Camera {i}")
+    cameras = []
+    for i in range(n):
+        matrix, (width, height) = np.broadcast_to(matrices, (n, 3, 3))[i], np.broadcast_to(pixels, (n, 2))[i]
+        lens = make_lens((matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]), width, height, f"Camera {i}")
+        cameras.append(Camera(transforms[i], *lens, names[i] if names else str(i)))
+    return CameraSet(tuple(cameras), None, (True,) * n, distorted=False)
+
+
+def _numbers(values: Any) -> NDArray[Any]:
+    try:
+        return np.asarray(values.detach().cpu() if hasattr(values, "detach") else values, np.float64)
+    except (ValueError, TypeError) as error:
+        raise InputError(
+            f"The cameras are given as a {type(values).__name__} that is not numbers ({error})."
+        ) from error

@@ -9,21 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.camera_files.frames import (
-    DISTORTION_TOLERANCE,
-    Intrinsics,
-    PosedImage,
-    floats,
-    inverse,
-    make_intrinsics,
-    rigid_transform,
-)
-from gaussian_trimmer.cameras import unit_up
+from gaussian_trimmer.camera_files.frames import DISTORTION_TOLERANCE, Lens, floats, inverse, make_lens, rigid_transform
+from gaussian_trimmer.cameras import Camera, CameraSet, unit_up
 from gaussian_trimmer.errors import InputError, clip_name
-from gaussian_trimmer.gaussians import Float64Array
-from gaussian_trimmer.io.images import picture_header
-from gaussian_trimmer.io.reading import file_bytes, is_file, read_json
+from gaussian_trimmer.io.reading import file_bytes, is_file, picture_header, read_json
 
+_Frame = tuple[Camera, bool, bool]
+"""A camera, whether it took a training image, and whether the lens distorts."""
 MAX_BYTES = 1 << 26
 """Of a JSON file of cameras."""
 _MAX_PICTURE_BYTES = 1 << 28
@@ -36,8 +28,8 @@ _SHARED_KEYS = (
 """What may be given once for all frames."""
 
 
-def read_json_frames(path: Path, *, trust_paths: bool = False) -> tuple[list[PosedImage], Float64Array | None]:
-    """Return the images of a file, and the unit up vector (3,) that it states, or None.
+def read_json_cameras(path: Path, *, trust_paths: bool = False) -> CameraSet:
+    """Return the cameras of a file with split and up vector; names are as the file gives them.
 
     Arguments:
         trust_paths: open pictures outside the file's folder, should their size be needed.
@@ -52,7 +44,7 @@ def read_json_frames(path: Path, *, trust_paths: bool = False) -> tuple[list[Pos
     if not isinstance(given, list) or not all(isinstance(frame, dict) for frame in given):
         raise InputError(f"'{path}' holds no cameras: neither a list of them nor a dict with a list of frames.")
     shared = {key: document[key] for key in _SHARED_KEYS if key in document}
-    training, frames = document.get("train_filenames"), []
+    training, frames = document.get("train_filenames"), list[_Frame]()
     for number, entry in enumerate(given):
         where, settings = f"'{path}', frame {number}", {**shared, **entry}
         if "transform_matrix" in settings:
@@ -68,18 +60,21 @@ def read_json_frames(path: Path, *, trust_paths: bool = False) -> tuple[list[Pos
             frames.append(_inria_frame(settings, where))
         else:
             raise InputError(f"{where} has no pose: no transform_matrix, world_to_camera, or position and rotation.")
-    return frames, None if up is None else unit_up(up, f"'{path}': the up vector")
+    up = None if up is None else unit_up(up, f"'{path}': the up vector")
+    cameras, trained = tuple(camera for camera, _, _ in frames), tuple(took for _, took, _ in frames)
+    return CameraSet(cameras, up, trained, any(distorted for _, _, distorted in frames))
 
 
-def _transforms_frame(settings: Mapping[str, Any], train: bool, where: str) -> PosedImage:
+def _transforms_frame(settings: Mapping[str, Any], train: bool, where: str) -> _Frame:
     """Return a frame of nerfstudio, Instant-NGP or Blender."""
     to_world = rigid_transform(settings["transform_matrix"], where)
     to_world[:3, :3] *= _OPENGL_TO_OPENCV
-    return PosedImage(_name(settings.get("file_path")), inverse(to_world), _transforms_lens(settings, where), train)
+    lens, distorted = _transforms_lens(settings, where)
+    return Camera(inverse(to_world), *lens, _name(settings.get("file_path"))), train, distorted
 
 
-def _transforms_lens(settings: Mapping[str, Any], where: str) -> Intrinsics:
-    """Return the intrinsics of a frame; focal lengths in pixels go before fields of view in radians."""
+def _transforms_lens(settings: Mapping[str, Any], where: str) -> tuple[Lens, bool]:
+    """Return a frame's lens, and whether it distorts; focal lengths in pixels go before fields of view in radians."""
     width, height = floats([settings["w"], settings["h"]], (2,), f"{where}: the image size").tolist()
     model = str(settings.get("camera_model", "PINHOLE")).upper()
     if model in ("EQUIRECTANGULAR", "ORTHOPHOTO"):
@@ -92,7 +87,7 @@ def _transforms_lens(settings: Mapping[str, Any], where: str) -> Intrinsics:
     coefficients = floats([settings.get(key, 0.0) for key in _DISTORTION_KEYS], (8,), f"{where}: the distortion")
     fisheye = bool(settings.get("is_fisheye")) or "FISHEYE" in model
     distorted = fisheye or bool((np.abs(coefficients) > DISTORTION_TOLERANCE).any())
-    return make_intrinsics(pinhole, width, height, distorted, where)
+    return make_lens(pinhole, width, height, where), distorted
 
 
 def _focal_length(settings: Mapping[str, Any], axis: str, size: float, where: str) -> float | None:
@@ -107,28 +102,27 @@ def _focal_length(settings: Mapping[str, Any], axis: str, size: float, where: st
     return size / (2 * math.tan(angle / 2))
 
 
-def _inria_frame(settings: Mapping[str, Any], where: str) -> PosedImage:
+def _inria_frame(settings: Mapping[str, Any], where: str) -> _Frame:
     """Return an entry of the cameras.json that 3D Gaussian Splatting writes; the principal point is central."""
     _require(settings, ("width", "height", "fx", "fy"), where)
     width, height = floats([settings["width"], settings["height"]], (2,), f"{where}: the image size").tolist()
-    lens = make_intrinsics((settings["fx"], settings["fy"], width / 2, height / 2), width, height, False, where)
+    lens = make_lens((settings["fx"], settings["fy"], width / 2, height / 2), width, height, where)
     rotation = floats(settings["rotation"], (3, 3), f"{where}: the rotation")
     position = floats(settings["position"], (3,), f"{where}: the position")
     to_world = rigid_transform(np.column_stack([rotation, position]), where)
-    return PosedImage(_name(settings.get("img_name")), inverse(to_world), lens)
+    return Camera(inverse(to_world), *lens, _name(settings.get("img_name"))), True, False
 
 
-def _matrix_frame(settings: Mapping[str, Any], where: str) -> PosedImage:
+def _matrix_frame(settings: Mapping[str, Any], where: str) -> _Frame:
     """Return a frame of OpenCV matrices; its split, if any, is train or another word."""
     _require(settings, ("K", "width", "height"), where)
     K = floats(settings["K"], (3, 3), f"{where}: K")
     if K[0, 1] != 0 or K[1, 0] != 0 or (K[2] != [0, 0, 1]).any():
         raise InputError(f"{where}: K is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]].")
-    lens = make_intrinsics((K[0, 0], K[1, 1], K[0, 2], K[1, 2]), settings["width"], settings["height"], False, where)
+    lens = make_lens((K[0, 0], K[1, 1], K[0, 2], K[1, 2]), settings["width"], settings["height"], where)
     name = _name(settings.get("file", settings.get("file_path")))
-    return PosedImage(
-        name, rigid_transform(settings["world_to_camera"], where), lens, settings.get("split", "train") == "train"
-    )
+    camera = Camera(rigid_transform(settings["world_to_camera"], where), *lens, name)
+    return camera, settings.get("split", "train") == "train", False
 
 
 def _require(settings: Mapping[str, Any], keys: tuple[str, ...], where: str) -> None:

@@ -36,7 +36,7 @@ class Convert:
 
     source: Annotated[Positional[Path], arg(metavar="SOURCE")]
     """File to read: .ply, .compressed.ply, .splat, .spz, .sog, the meta.json or lod-meta.json of an unbundled one,
-    .ksplat, .glb, or a .ckpt of nerfstudio; or the folder of a training."""
+    .glb, or a .ckpt of nerfstudio; or the folder of a training."""
     target: Annotated[Positional[Path], arg(metavar="TARGET")]
     """File to write, in one of these formats or .html."""
     level: Annotated[int | None, arg(metavar="N", default="the finest that memory allows")] = None

@@ -22,13 +22,12 @@ from gaussian_trimmer.io.reading import is_file, is_folder, read_json
 from gaussian_trimmer.selecting.marks import KINDS, Marks
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, arrays_that_select, offered_kinds
-from gaussian_trimmer.selection_files.array_kinds import LABEL_NAMES
 from gaussian_trimmer.selection_files.feature_kinds import classifier_of
+from gaussian_trimmer.selection_files.kinds import LABEL_NAMES, MASK
+from gaussian_trimmer.selection_files.labels import count_ids, list_ids, list_names
 from gaussian_trimmer.selection_files.method_files import method_files_in
-from gaussian_trimmer.selection_files.object_ids import count_ids, list_ids, list_names
+from gaussian_trimmer.selection_files.row_matching import has_identity_features
 from gaussian_trimmer.selection_files.selection_file import SUFFIXES, SelectionFile, flag, open_selection
-from gaussian_trimmer.selection_files.splat_kinds import MASK
-from gaussian_trimmer.selection_files.splat_rows import has_identity_features
 
 _FAINT_OPACITY, _SOLID_OPACITY = 0.05, 0.95
 _MAX_LISTED = 24

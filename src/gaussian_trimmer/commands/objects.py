@@ -23,8 +23,7 @@ from gaussian_trimmer.finding.found import FoundObjects
 from gaussian_trimmer.finding.judging import FindConfig
 from gaussian_trimmer.finding.saving import FOUND_FILES, write_found
 from gaussian_trimmer.io.manifest import is_made_of
-from gaussian_trimmer.io.names import safe_file_name
-from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.io.writing import atomic_folder, safe_file_name
 from gaussian_trimmer.options import arg
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.selection_result import SelectionResult

@@ -25,11 +25,10 @@ from gaussian_trimmer.selecting.lifting import lift_id_masks
 from gaussian_trimmer.selecting.selection_input import read_selection, read_selection_result
 from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.selecting.view_lookup import with_query_row
-from gaussian_trimmer.selection_files import SelectionOptions
+from gaussian_trimmer.selection_files import SelectionOptions, load_objects
+from gaussian_trimmer.selection_files.kinds import is_trimmed
 from gaussian_trimmer.selection_files.method_files import scene_of_selection
 from gaussian_trimmer.selection_files.selection_file import open_selection
-from gaussian_trimmer.selection_files.several import load_objects
-from gaussian_trimmer.selection_files.trimmed import is_trimmed
 from gaussian_trimmer.settings import check_settings, to_plain
 from gaussian_trimmer.trimming.result import THE_OBJECT
 from gaussian_trimmer.trimming.trim_options import TrimOptions

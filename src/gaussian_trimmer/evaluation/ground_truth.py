@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
-from gaussian_trimmer.io.images import decoded_picture, picture_header
-from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
+from gaussian_trimmer.io.reading import decoded_picture, file_bytes, is_file, path_inside, picture_header, reading
 from gaussian_trimmer.masks.mask_files import cameras_with_masks, find_mask
 from gaussian_trimmer.views.view import HALF_COVERAGE
 

@@ -13,11 +13,10 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.scoring import Cut
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, concatenate, mask_of_rows
 from gaussian_trimmer.io.reading import is_folder, path_inside, read_json
-from gaussian_trimmer.selection_files import SelectionOptions, load_selection, trimmed
-from gaussian_trimmer.selection_files.object_ids import check_ids
+from gaussian_trimmer.selection_files import SelectionOptions, kinds, load_objects, load_selection
+from gaussian_trimmer.selection_files.kinds import MASK
+from gaussian_trimmer.selection_files.labels import check_ids
 from gaussian_trimmer.selection_files.selection_file import open_selection
-from gaussian_trimmer.selection_files.several import load_objects
-from gaussian_trimmer.selection_files.splat_kinds import MASK
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +113,7 @@ def _read_folder(folder: Path, scene: Gaussians, wanted: Sequence[int]) -> Store
             "file itself."
         )
     file = open_selection(labels, n)
-    rows = trimmed.rows_of_objects(file, n)
+    rows = kinds.rows_of_objects(file, n)
     if wanted or len(rows) > 1:
         check_ids(wanted, list(rows), [len(own) for own in rows.values()], folder)
     files = _object_files(folder, list(rows))
@@ -124,7 +123,7 @@ def _read_folder(folder: Path, scene: Gaussians, wanted: Sequence[int]) -> Store
     rest = [formats.read(background), *(parts[i] for i in parts if i not in chosen)] if background else None
     nothing = scene.select(slice(0, 0))
     cut = Cut(concatenate([nothing, *(parts[i] for i in chosen if i in parts)]), concatenate(rest) if rest else None)
-    before = trimmed.selected_rows(file, n)
+    before = kinds.selected_rows(file, n)
     missing = None if background else f"'{folder}' holds no background file."
     selection = mask_of_rows(np.concatenate([rows[number] for number in chosen]), n)
     return StoredResult(cut, selection, None if before is None else mask_of_rows(before, n), missing)

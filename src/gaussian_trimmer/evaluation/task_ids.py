@@ -20,7 +20,7 @@ from gaussian_trimmer.evaluation.layouts import DatasetTask
 from gaussian_trimmer.evaluation.predictions import Prediction, last_iteration
 from gaussian_trimmer.gaussians import FloatArray, IntArray
 from gaussian_trimmer.io.reading import file_bytes, is_file, reading
-from gaussian_trimmer.selection_files.array_kinds import CLUSTERS
+from gaussian_trimmer.selection_files.kinds import CLUSTERS
 from gaussian_trimmer.selection_files.selection_file import open_selection
 
 Ids = dict[str, tuple[int, ...]]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.gaussians import Gaussians, IntArray, check_gaussians, concatenate
+from gaussian_trimmer.geometry import limits
 from gaussian_trimmer.io.reading import is_file, is_folder, reading
 from gaussian_trimmer.lazy_import import load
 
@@ -22,7 +22,6 @@ FORMATS = {
     ".splat": "splat",
     ".spz": "spz",
     ".sog": "sog",
-    ".ksplat": "ksplat",
     ".glb": "glb",
 }
 """Ends of names, of which the longest wins -> module with `read(path) -> Gaussians`, whose values are not yet checked,
@@ -30,7 +29,7 @@ FORMATS = {
 READ_ONLY = {
     "meta.json": "sog",
     STREAMED: "streamed_sog",
-    ".ckpt": "nerfstudio",
+    ".ckpt": "checkpoints",
     ".pth": "checkpoints",
     ".pt": "checkpoints",
 }
@@ -40,8 +39,7 @@ _HOLD_NOTHING = (".ply", ".splat")
 """Formats that can hold zero Gaussians."""
 _EXACT = (".ply", ".glb")
 """Formats that round nothing."""
-_HIGHEST_DEGREE = {".splat": 0, ".ksplat": 2}
-"""Of formats that do not keep all view-dependent colour."""
+_ROWS_AT_ONCE = 1 << 12
 _ENDINGS_OF_SELECTIONS = (".npy", ".npz", ".txt", ".csv", ".json")
 
 
@@ -57,6 +55,7 @@ def format_suffix(path: str | Path) -> str:
     name = Path(path).name
     if suffix := _known_suffix(name):
         return suffix
+    _refuse_ksplat(name)
     hint = " A selection is given after its scene." if name.lower().endswith(_ENDINGS_OF_SELECTIONS) else ""
     raise InputError(f"'{name}' is not in a known splat format; known endings: {', '.join(FORMATS | READ_ONLY)}.{hint}")
 
@@ -68,6 +67,13 @@ def is_named(name: str, suffix: str) -> bool:
     (True, True, False)
     """
     return name.lower().endswith(suffix) if suffix.startswith(".") else name.lower() == suffix
+
+
+def _refuse_ksplat(name: str) -> None:
+    if name.lower().endswith(".ksplat"):
+        raise InputError(
+            f"'{name}' is in a format that is read and written no more; convert it: splat-transform {name} scene.ply."
+        )
 
 
 def has_splats(path: Path) -> bool:
@@ -145,6 +151,21 @@ def read(
     return gaussians
 
 
+def check_values(gaussians: Gaussians, path: Path) -> None:
+    """Refuse values with which nothing can be computed: NaN, infinities, extreme magnitudes, lengths of zero.
+
+    Looks at a megabyte of rows at a time: of a PLY, the attributes are views of one table, whose rows interleave them.
+
+    Raises:
+        InputError: there is one; the message says in which attribute and row.
+    """
+    try:
+        for start in range(0, len(gaussians), _ROWS_AT_ONCE):
+            limits.check_values(gaussians.select(slice(start, start + _ROWS_AT_ONCE)))
+    except InputError:
+        limits.check_values(gaussians, f"'{path}': ")  # counts all of them
+
+
 def scene_files(path: Path, level: int | None = None) -> list[Path]:
     """Return all files that the Gaussians of a splat file are read from: itself, and textures or chunks.
 
@@ -183,9 +204,9 @@ def losses(gaussians: Gaussians, target: str, source: str) -> str:
         target: suffix of the format that is written.
         source: suffix of the format that they were read from; what that has rounded already stays as it is.
     """
-    highest, lost = _HIGHEST_DEGREE.get(target, 3), list[str]()
-    if gaussians.sh_degree > highest:
-        lost.append(f"view-dependent colour{f' beyond degree {highest}' if highest else ''}")
+    lost = list[str]()
+    if gaussians.sh_degree and target == ".splat":
+        lost.append("view-dependent colour")
     if gaussians.extras:
         lost.append(f"{len(gaussians.extras)} extra columns")
     if target not in (*_EXACT, source):
@@ -232,7 +253,7 @@ def convert(
     if change is not None:
         gaussians = change(gaussians)
     if sort:
-        from gaussian_trimmer.formats.morton import morton_order
+        from gaussian_trimmer.formats.packing import morton_order
 
         gaussians = gaussians.select(morton_order(gaussians.means))
     write(gaussians, target, **options)
@@ -252,12 +273,13 @@ def _writable(path: str | Path) -> str:
     suffix = _known_suffix(Path(path).name)
     if suffix in FORMATS:
         return suffix
+    _refuse_ksplat(Path(path).name)
     raise InputError(f"'{Path(path).name}' cannot be written: give it one of the endings {', '.join(FORMATS)}.")
 
 
 def _kind_of_ply(path: Path) -> str:
     """The suffix that a PLY's header asks for: compressed files are met under plain names too, and the reverse."""
     from gaussian_trimmer.formats.compressed_ply import is_compressed
-    from gaussian_trimmer.formats.ply_table import read_header
+    from gaussian_trimmer.formats.ply import read_header
 
     return ".compressed.ply" if is_compressed(read_header(path)) else ".ply"

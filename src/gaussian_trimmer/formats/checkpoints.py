@@ -1,8 +1,12 @@
-"""Training checkpoints of 3D Gaussian Splatting and its relatives, `.pth` and `.pt`, read without torch.
+"""Training checkpoints of 3D Gaussian Splatting and its relatives, `.pth`, `.pt` and `.ckpt`, read without torch.
 
 Inria's `chkpnt<i>.pth` is a tuple, usually with the iteration. The original has 12 entries: SH degree, centres, f_dc,
 f_rest, scales, rotations, opacities, then statistics and the optimizer. Methods that segment insert one entry at place
 7, which makes 13. gsplat's `ckpt_<i>_rank0.pt` is a dict of a `step` and of `splats`, tensors by name.
+
+nerfstudio's splatfacto writes `nerfstudio_models/step-<i>.ckpt`, with the tensors `gauss_params.means`, `.scales`,
+`.quats`, `.features_dc`, `.features_rest` and `.opacities` of the model; checkpoints of before 1.1 lack the
+`gauss_params`. They lie in the coordinates of the training, which nerfstudio turns, centres and scales.
 """
 
 from __future__ import annotations
@@ -15,13 +19,16 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import torch_files
+from gaussian_trimmer.formats.packing import sh_dc_of
 from gaussian_trimmer.formats.torch_files import TorchFile
-from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.gaussians import Gaussians, sigmoid
 
 _PLAIN_LENGTH, _EXTENDED_LENGTH = 12, 13
 _ENTRIES = ("means", "features_dc", "features_rest", "scales", "quats", "opacities")
 _GSPLAT_ENTRIES = ("means", "sh0", "shN", "scales", "quats", "opacities")
 _EXPECTED = "checkpoint of 3D Gaussian Splatting"
+_ATTRIBUTES = ("means", "scales", "quats", "features_dc", "features_rest", "opacities")
+_SPLATFACTO = "checkpoint of nerfstudio's splatfacto"
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +60,8 @@ def read(path: Path) -> Gaussians:
     Raises:
         InputError: the file cannot be read, or holds no checkpoint.
     """
+    if path.suffix.lower() == ".ckpt":
+        return _read_splatfacto(path)
     if "_rank0" in path.name and path.with_name(path.name.replace("_rank0", "_rank1")).is_file():
         raise InputError(
             f"'{path}' holds one GPU's part of a scene that several trained; have gsplat's trainer write the whole one "
@@ -115,3 +124,30 @@ def _state(value: Any) -> tuple[Any, ...] | None:
 
 def _iteration(value: Any) -> int | None:
     return value[1] if len(value) == 2 and isinstance(value[1], int) else None
+
+
+def _read_splatfacto(path: Path) -> Gaussians:
+    """Return the Gaussians of a checkpoint, rows in the order of the training.
+
+    `ns-export` leaves out Gaussians whose numbers are not finite or that are nearly invisible; here every row counts.
+
+    Raises:
+        InputError: the file cannot be read, or is not a checkpoint of splatfacto.
+    """
+    file = torch_files.load(path)
+    gaussians = torch_files.as_gaussians(file, _gaussian_tensors(file.value, path), _SPLATFACTO)
+    if gaussians.sh_degree == 0:  # without higher degrees, splatfacto trains logits of colours instead
+        gaussians = gaussians.replace(sh_dc=sh_dc_of(sigmoid(gaussians.sh_dc)))
+    return gaussians
+
+
+def _gaussian_tensors(value: Any, path: Path) -> dict[str, Any]:
+    """Return the model's tensors by the names of `_ATTRIBUTES`."""
+    state = value.get("pipeline") if isinstance(value, dict) else None
+    if not isinstance(state, dict):
+        raise InputError(f"'{path}' is not a {_SPLATFACTO}: it has no 'pipeline'.")
+    starts = [str(name).removesuffix("means") for name in state if str(name).endswith("means")]
+    found = [start for start in starts if all(torch_files.is_tensor(state.get(start + name)) for name in _ATTRIBUTES)]
+    if len(found) != 1:
+        raise InputError(f"'{path}' is not a {_SPLATFACTO}: {len(found)} of its models have all that Gaussians have.")
+    return {name: state[found[0] + name] for name in _ATTRIBUTES}

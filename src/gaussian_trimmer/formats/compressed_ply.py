@@ -23,7 +23,7 @@ from gaussian_trimmer.formats.packing import (
     sh_dc_of,
     to_levels,
 )
-from gaussian_trimmer.formats.ply_table import Header, read_columns, read_header
+from gaussian_trimmer.formats.ply import Header, read_columns, read_header
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.io.writing import atomic_file, write_array
 

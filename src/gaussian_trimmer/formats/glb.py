@@ -1,7 +1,8 @@
 """glTF's .glb with KHR_gaussian_splatting: attributes of a primitive of points, one accessor each, in float32.
 
 The extension's axes are glTF's, left, up, front; those of a splat PLY are right, down, front. The scene is turned about
-z between the two, as the field's converters do. Rotations are (x, y, z, w), scales linear, opacities from 0 to 1. What
+z between the two, as the field's converters do: centres and rotations change two signs, and so do the spherical
+harmonics that are odd in the turned axes. Rotations are (x, y, z, w), scales linear, opacities from 0 to 1. What
 is written has all attributes as floats; what is read may have them as integers that are normalised, or altogether as
 an .spz (KHR_gaussian_splatting_compression_spz and _spz_2), which here follows its specification: right, up, back.
 """
@@ -10,9 +11,9 @@ from __future__ import annotations
 
 import json
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,6 @@ from numpy.typing import NDArray
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.formats import spz
-from gaussian_trimmer.formats.half_turns import half_turn
 from gaussian_trimmer.formats.packing import linear_scales, log_scales_of
 from gaussian_trimmer.gaussians import SH_C0, FloatArray, Gaussians, logit
 from gaussian_trimmer.io.reading import file_bytes
@@ -37,6 +37,13 @@ _COEFFICIENTS = (1, 3, 5, 7)
 """Number of coefficients of each degree of spherical harmonics."""
 _ERRORS_OF_DAMAGE = (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, struct.error)
 """What comes of a document that is not built as the standard says."""
+AXIS_SIGNS = {"x": np.array([1, -1, -1], np.float32), "z": np.array([-1, -1, 1], np.float32)}
+"""What half a turn about an axis does to a vector, and to the vector part of a quaternion."""
+SH_SIGNS = {
+    "x": np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.float32),
+    "z": np.array([-1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1], np.float32),
+}
+"""What it does to the harmonics y, z, x, xy, yz, z2, xz, x2-y2, ... of degrees 1 to 3."""
 
 
 @dataclass(frozen=True)
@@ -218,3 +225,14 @@ def _header(columns: dict[str, FloatArray], data: list[NDArray[Any]]) -> bytes:
         "accessors": accessors,
     }
     return json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
+
+
+def half_turn(gaussians: Gaussians, axis: Literal["x", "z"]) -> Gaussians:
+    """Return the Gaussians after half a turn about an axis through the origin, seen as before from the turned side."""
+    signs, coefficients = AXIS_SIGNS[axis], gaussians.sh_rest.shape[2]
+    return replace(
+        gaussians,
+        means=gaussians.means * signs,
+        quaternions=gaussians.quaternions * np.concatenate([[1], signs]).astype(np.float32),
+        sh_rest=gaussians.sh_rest * SH_SIGNS[axis][:coefficients],
+    )

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_count
 from gaussian_trimmer.formats.packing import (
     ByteArray,
+    check_count,
     drop_largest,
     opacity_bytes,
     opacity_logits_of,

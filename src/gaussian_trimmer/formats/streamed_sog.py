@@ -16,7 +16,7 @@ import numpy as np
 
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.formats import sog
-from gaussian_trimmer.formats.checks import check_count
+from gaussian_trimmer.formats.packing import check_count
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.io.memory import TRIM_BYTES_PER_SCENE_BYTE, total_bytes
 from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading

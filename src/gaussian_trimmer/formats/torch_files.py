@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.formats.packing import thicken_discs, with_finite_limits
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.io.archives import member_bytes, open_archive
-from gaussian_trimmer.io.reading import read_into
+from gaussian_trimmer.io.reading import member_bytes, open_archive, read_into
 
 SUFFIXES = (".pt", ".pth")
 _EXPECTED = "torch file of the zip format"

@@ -1,24 +1,54 @@
-"""Files from others: regular ones only, read whole and within bounds, and refused if they change meanwhile."""
+"""Files from others: regular ones only, read whole and within bounds, and refused if they change meanwhile.
+
+Members of archives take no more memory than they may, and pictures say their size before they are decoded: a few
+kilobytes of PNG can hold gigabytes of pixels.
+"""
 
 from __future__ import annotations
 
 import json
 import os
 import stat
-from collections.abc import Iterator
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path, PurePath
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, clip_name
 
+if TYPE_CHECKING:
+    from PIL.ImageFile import ImageFile
+
 LARGEST = 1e15
 """Greatest magnitude of coordinates, coefficients and weights; the square of a greater one nears the end of float32."""
 _BYTES_AT_ONCE = 1 << 20
 _MAX_JSON_BYTES = 1 << 24
+_ERRORS_OF_DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    NotImplementedError,
+    RuntimeError,
+    EOFError,
+    ValueError,
+    OverflowError,
+    IndexError,
+)
+"""What zipfile raises for damaged archives."""
+_KNOWN_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Other ways of compression take as much memory as the archive likes."""
+_FREE_BYTES, _MOST_BYTES_A_PIXEL = 1 << 18, 16
+"""A PNG has no more bytes than these for metadata, and these for each pixel."""
+MAX_PIXELS = 1 << 27
+"""Pixels of the largest picture that is decoded; cameras have up to 100 million."""
 
 
 @contextmanager
@@ -117,3 +147,112 @@ def _state(path: Path) -> tuple[int, int, int, int]:
     if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):  # opening a folder fails by itself
         raise InputError(f"'{path}' is not a regular file.")
     return status.st_size, status.st_mtime_ns, status.st_ino, status.st_dev
+
+
+@contextmanager
+def open_archive(path: Path, expected: str) -> Iterator[zipfile.ZipFile]:
+    """Open a zip archive; whatever is found damaged while it is used is an error that names what was expected.
+
+    Raises:
+        InputError: the file cannot be read, is not such an archive, is damaged or truncated.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if any(info.compress_type not in _KNOWN_COMPRESSIONS for info in archive.infolist()):
+                raise InputError(f"'{path}' has a member that is compressed otherwise than by deflate.")
+            yield archive
+    except InputError:
+        raise
+    except _ERRORS_OF_DAMAGE as error:
+        raise InputError(f"'{path}' is not a {expected}, damaged or truncated: {error}.") from error
+    except OSError as error:
+        raise InputError(f"Cannot read '{path}': {error.strerror or error}.") from error
+
+
+def member_bytes(archive: zipfile.ZipFile, name: str, limit: int, path: Path) -> bytes:
+    """The contents of a member of at most `limit` bytes.
+
+    Raises:
+        InputError: there is no such member, or it is larger.
+    """
+    if name not in archive.NameToInfo:
+        raise InputError(f"'{path}' has no member '{clip_name(name)}'.")
+    size = archive.getinfo(name).file_size
+    if size > limit:
+        raise InputError(
+            f"'{path}' is damaged: its member '{clip_name(name)}' claims {size} bytes, more than the {limit} that it "
+            "can "
+            "need."
+        )
+    with archive.open(name) as file:
+        return file.read(size)  # asked for no more, it inflates no more
+
+
+@dataclass(frozen=True)
+class PictureHeader:
+    """Size that a picture announces, before any turn that its metadata asks for."""
+
+    width: int
+    height: int
+
+    @property
+    def n_pixels(self) -> int:
+        """Number of pixels."""
+        return self.width * self.height
+
+
+def picture_header(data: bytes) -> PictureHeader | None:
+    """The size of a PNG, JPEG, WebP, BMP or TIFF; None for anything else, or what is damaged.
+
+    >>> picture_header(b"no picture") is None
+    True
+    """
+    if size := webp_size(data):
+        return PictureHeader(*size)
+    # Not Image.open, which warns of large pictures and refuses larger ones before their size can be told.
+    from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin, TiffImagePlugin
+
+    readers: dict[bytes, Callable[[BytesIO], ImageFile]] = {
+        b"\x89PNG\r\n\x1a\n": PngImagePlugin.PngImageFile,
+        b"\xff\xd8\xff": JpegImagePlugin.JpegImageFile,
+        b"BM": BmpImagePlugin.BmpImageFile,
+        b"II*\0": TiffImagePlugin.TiffImageFile,
+        b"MM\0*": TiffImagePlugin.TiffImageFile,
+    }
+    reader = next((reader for start, reader in readers.items() if data.startswith(start)), None)
+    try:
+        image = reader(BytesIO(data)) if reader else None
+    except (OSError, ValueError, SyntaxError, LookupError, TypeError, OverflowError, struct.error, Warning):
+        return None  # what Pillow raises for damaged files, the last where Python makes errors of warnings
+    if image is None:
+        return None
+    most = _FREE_BYTES + _MOST_BYTES_A_PIXEL * image.size[0] * image.size[1]
+    if reader is PngImagePlugin.PngImageFile and len(data) > most:
+        return None  # the decoder would inflate a thousand times as much, whatever the size says
+    return PictureHeader(*image.size)
+
+
+def decoded_picture(data: bytes, flags: int) -> NDArray[Any] | None:
+    """The pixels of a picture whose header has been checked, by OpenCV's flags; None if it is damaged."""
+    import cv2
+
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error:
+        return None
+
+
+def webp_size(data: bytes) -> tuple[int, int] | None:
+    """Width and height that a WebP file announces; None if it is none. Pillow would allocate the pixels."""
+    if len(data) < 30 or data[:4] != b"RIFF" or data[8:12] != b"WEBP":
+        return None
+    match data[12:16]:
+        case b"VP8L":
+            (bits,) = struct.unpack_from("<I", data, 21)
+            return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+        case b"VP8X":
+            return int.from_bytes(data[24:27], "little") + 1, int.from_bytes(data[27:30], "little") + 1
+        case b"VP8 ":
+            width, height = struct.unpack_from("<HH", data, 26)
+            return width & 0x3FFF, height & 0x3FFF
+    return None

@@ -25,12 +25,17 @@ from gaussian_trimmer.io.stop_signals import note_written
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+import unicodedata
 
 _HIDDEN_PREFIX = ".gaussian-trimmer"
 _LOCK = f"{_HIDDEN_PREFIX}.lock"
 _STAGING = f"{_HIDDEN_PREFIX}.part"
 _LOCK_WAIT_SECONDS = 0.2
 _SECONDS_UNTIL_LEFT_OVER = 24 * 3600.0
+_LONGEST = 150
+"""Bytes; file systems allow 255, of which endings take some."""
+_DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{number}" for port in ("com", "lpt") for number in range(10))}
+"""Names that Windows keeps for devices, whatever ending they have."""
 
 
 @contextmanager
@@ -309,3 +314,15 @@ def npy_bytes(array: NDArray[Any]) -> bytes:
     buffer = BytesIO()
     np.save(buffer, array, allow_pickle=False)
     return buffer.getvalue()
+
+
+def safe_file_name(name: str, punctuation: str = "-_") -> str:
+    """Return a name with _ in place of every character that is neither a letter or digit nor in `punctuation`.
+
+    >>> safe_file_name("my scene 1.5"), safe_file_name("my scene 1.5", ".-_"), safe_file_name("NUL"), safe_file_name("")
+    ('my_scene_1_5', 'my_scene_1.5', '_NUL', '_')
+    """
+    name = unicodedata.normalize("NFKC", name)
+    safe = "".join(c if c.isalnum() or c in punctuation else "_" for c in name).lstrip(".-")
+    safe = safe.encode()[:_LONGEST].decode(errors="ignore").rstrip(".")
+    return f"_{safe}" if not safe or safe.partition(".")[0].casefold() in _DEVICES else safe

@@ -20,8 +20,15 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import BoolArray
-from gaussian_trimmer.io.images import MAX_PIXELS, decoded_picture, picture_header
-from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
+from gaussian_trimmer.io.reading import (
+    MAX_PIXELS,
+    decoded_picture,
+    file_bytes,
+    is_file,
+    path_inside,
+    picture_header,
+    reading,
+)
 from gaussian_trimmer.masks import MaskSource
 from gaussian_trimmer.views.view import HALF_COVERAGE, View
 

@@ -17,8 +17,15 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
-from gaussian_trimmer.io.images import MAX_PIXELS, decoded_picture, picture_header
-from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
+from gaussian_trimmer.io.reading import (
+    MAX_PIXELS,
+    decoded_picture,
+    file_bytes,
+    is_file,
+    path_inside,
+    picture_header,
+    reading,
+)
 from gaussian_trimmer.masks import MaskSource, Segmenter, description_of, mask_source_of
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.views.view import View

@@ -42,7 +42,7 @@ ENGINES: dict[EngineName, Engine] = {
     "blender": Engine("Blender", (".ply",), (0.0, 0.0, 1.0)),
     "cesium": Engine("Cesium", (".ply",), _DOWN_Y),
     "playcanvas": Engine("PlayCanvas", (".sog", ".ply", ".compressed.ply"), _DOWN_Y),
-    "three": Engine("three.js", (".spz", ".ply", ".compressed.ply", ".splat", ".ksplat", ".sog"), (0.0, 1.0, 0.0)),
+    "three": Engine("three.js", (".spz", ".ply", ".compressed.ply", ".splat", ".sog"), (0.0, 1.0, 0.0)),
     "unity": Engine("Unity", (".ply", ".spz"), _DOWN_Y),
     "unreal": Engine("Unreal", (".ply",), _DOWN_Y),
 }

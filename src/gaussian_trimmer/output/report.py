@@ -11,7 +11,7 @@ import numpy as np
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import LabelArray
-from gaussian_trimmer.io.names import safe_file_name
+from gaussian_trimmer.io.writing import safe_file_name
 from gaussian_trimmer.output.checked_sides import checked_sides, shrunk_side
 from gaussian_trimmer.trimming.result import THE_OBJECT, RowLabel, TrimmedObject, TrimResult
 

@@ -40,7 +40,7 @@ def save(
         result: the trim.
         folder: new or empty; missing parents are made.
         overwrite: replace earlier results in the folder.
-        format: ending of the splat files: ply (the default), compressed.ply, splat, spz, sog or ksplat.
+        format: ending of the splat files: ply (the default), compressed.ply, splat, spz, sog or glb.
         html: also write `report.html`, a page about the trim that any browser opens.
 
     Raises:

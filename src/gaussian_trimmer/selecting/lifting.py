@@ -19,11 +19,11 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
 from gaussian_trimmer.masks.mask_files import cameras_with_masks, ids_of
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.rendering.lifting import label_weights
+from gaussian_trimmer.selection_files.labels import assign_labels
 from gaussian_trimmer.views.view import HALF_COVERAGE
 
 LabelArray = NDArray[np.uint8]
 Ids = NDArray[np.integer[Any]]
-_OBJECTS_PER_PASS = 16
 
 
 def lift_by_assignment(
@@ -80,21 +80,13 @@ def lift_objects_by_assignment(
     numbers = numbers[numbers > 0]
     if not len(numbers):
         raise InputError("The label images hold nothing but background (0); number the objects from 1.")
-    n = len(gaussians)
-    largest, squared_length = np.zeros(n), np.zeros(n)
-    winner = np.zeros(n, np.uint8 if all(image.dtype == np.uint8 for image in labels) else np.int32)
-    # Few objects at a time: as many columns of blend weights as there are objects would not fit into memory.
-    for part in np.array_split(numbers, -(-len(numbers) // _OBJECTS_PER_PASS)):
+    numbers = numbers.astype(np.uint8 if all(image.dtype == np.uint8 for image in labels) else np.int32)
+
+    def weights_of(part: Ids) -> Float64Array:
         images = [_places(image, part) for image in labels]
-        weights = sum_label_weights(gaussians, cameras, images, len(part) + 1, renderer)
-        background, objects = weights[:, 0], weights[:, 1:]
-        squared_length += np.square(objects).sum(axis=1)
-        best, most = objects.argmax(axis=1), objects.max(axis=1)
-        ahead = most > largest
-        winner[ahead], largest[ahead] = part[best[ahead]], most[ahead]
-    length = np.sqrt(squared_length + np.square(background))
-    length[length == 0] = 1.0
-    return np.where(largest / length > background / length + gamma, winner, 0)
+        return sum_label_weights(gaussians, cameras, images, len(part) + 1, renderer)
+
+    return assign_labels(len(gaussians), numbers, weights_of, gamma)
 
 
 def lift_id_masks(

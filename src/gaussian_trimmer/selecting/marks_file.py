@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gaussian_trimmer._version import __version__
-from gaussian_trimmer.camera_files.frames import make_intrinsics, rigid_transforms
+from gaussian_trimmer.camera_files.frames import make_lens, rigid_transforms
 from gaussian_trimmer.cameras import Camera, Point, Viewpoint, unit_up
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.reading import is_file, read_json
@@ -129,7 +129,7 @@ def relative_to(path: Path, folder: Path) -> str:
 
 def _view(saved: _SavedView, where: str) -> Viewpoint:
     K, pose = np.array(saved.K), np.array(saved.world_to_camera)
-    make_intrinsics((K[0, 0], K[1, 1], K[0, 2], K[1, 2]), saved.width, saved.height, False, where)
+    make_lens((K[0, 0], K[1, 1], K[0, 2], K[1, 2]), saved.width, saved.height, where)
     rigid_transforms([pose], lambda _: where)
     if not saved.near > 0:
         raise wrong_value(saved.near, f"{where}.near", "above zero")

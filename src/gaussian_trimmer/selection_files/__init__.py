@@ -5,7 +5,7 @@ The container of a file is told by its ending, what it means by its content, the
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,28 +14,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, mask_of_rows
 from gaussian_trimmer.io.reading import is_folder
-from gaussian_trimmer.selection_files import array_kinds, feature_kinds, splat_kinds, trimmed
+from gaussian_trimmer.selection_files import feature_kinds, kinds
+from gaussian_trimmer.selection_files.labels import check_ids, count_ids
 from gaussian_trimmer.selection_files.method_files import selection_in
 from gaussian_trimmer.selection_files.selection_file import Kind, SelectionFile, SelectionOptions, flag, open_selection
 from gaussian_trimmer.settings import check_settings
 
-__all__ = ["KINDS", "Kind", "SelectionOptions", "arrays_that_select", "load_selection", "offered_kinds"]
+__all__ = ["KINDS", "Kind", "SelectionOptions", "arrays_that_select", "load_objects", "load_selection", "offered_kinds"]
+
+_MAX_OBJECTS = 10_000
 
 Select = Callable[[SelectionFile, Gaussians, SelectionOptions], BoolArray]
 
 KINDS: dict[str, tuple[Select, tuple[str, ...]]] = {
-    "mask": (array_kinds.select_mask, ("property", "threshold")),
-    "labels": (array_kinds.select_labels, ("object_id", "property")),
-    "indices": (array_kinds.select_indices, ("property",)),
-    "subset": (splat_kinds.select_subset, ()),
-    "property": (splat_kinds.select_property, ("property", "threshold", "object_id")),
+    "mask": (kinds.select_mask, ("property", "threshold")),
+    "labels": (kinds.select_labels, ("object_id", "property")),
+    "indices": (kinds.select_indices, ("property",)),
+    "subset": (kinds.select_subset, ()),
+    "property": (kinds.select_property, ("property", "threshold", "object_id")),
     "classifier": (feature_kinds.select_classifier, ("classifier", "object_id", "threshold")),
     "similarity": (feature_kinds.select_similarity, ("query_row", "threshold")),
     "checkpoint": (feature_kinds.select_checkpoint, ("threshold",)),
-    "flashsplat": (array_kinds.select_flashsplat, ("object_id", "gamma")),
-    "trimmed": (trimmed.select_trimmed, ("object_id",)),
+    "flashsplat": (kinds.select_flashsplat, ("object_id", "gamma")),
+    "trimmed": (kinds.select_trimmed, ("object_id",)),
 }
 """Kind -> the function that finds the selection (N,), and names of the options that it understands."""
 
@@ -80,37 +83,76 @@ def load_selection(
     return selection
 
 
+def load_objects(
+    path: str | Path, gaussians: Gaussians, ids: Sequence[int] = (), options: SelectionOptions | None = None
+) -> dict[int, BoolArray]:
+    """Return the selection (N,) of each object in a file, by its id.
+
+    Args:
+        path: one id a Gaussian in an array, `labels.npz` of a trim, or what a method with several objects saved.
+        ids: the objects that are meant; without them all those with ids above zero.
+        options: how the file is read, but for the ids.
+
+    Raises:
+        InputError: the file cannot be read, does not fit the scene, has not one of the ids, or must be told which.
+    """
+    path, options = Path(path), options or SelectionOptions()
+    file = open_selection(path, len(gaussians))
+    if kinds.is_trimmed(file) and options.property is None:
+        rows = kinds.rows_of_objects(file, len(gaussians))
+        if ids:
+            check_ids(ids, list(rows), [len(found) for found in rows.values()], path)
+        return {number: mask_of_rows(rows[number], len(gaussians)) for number in (ids or rows)}
+    labels = file.vector(options, *kinds.LABEL_NAMES) if options.kind in ("auto", "labels") else None
+    if labels is not None and labels.dtype.kind in "iu" and len(labels) == len(gaussians):
+        present, counts = count_ids(labels)
+        if ids:
+            check_ids(ids, present, counts, path)
+        wanted = list(ids) or [number for number in present if number > 0]
+        if not wanted:
+            raise InputError(f"'{path.name}' holds no object: no id is above zero, and 0 is the background.")
+        if len(wanted) > _MAX_OBJECTS:
+            raise InputError(f"'{path.name}' holds {len(wanted)} objects; choose at most {_MAX_OBJECTS} by their ids.")
+        return {number: np.asarray(labels == number) for number in wanted}
+    if not ids:
+        load_selection(path, gaussians, options)  # says which ids there are, where the kind knows
+        raise InputError(
+            f"'{path.name}' is the selection of one object: give it without --labels, or name ids with --objects ID ..."
+        )
+    return {number: load_selection(path, gaussians, replace(options, object_id=(number,))) for number in ids}
+
+
 def arrays_that_select(file: SelectionFile, n: int, options: SelectionOptions) -> list[str]:
     """Return the names of the arrays of a file that select from a scene of n Gaussians once they are named."""
     return [name for name in file.arrays if name and offered_kinds(file, n, replace(options, property=name))]
 
 
 def _detect(file: SelectionFile, n: int, options: SelectionOptions) -> str:
-    kinds = offered_kinds(file, n, options)
-    if len(kinds) > 1:
+    offered = offered_kinds(file, n, options)
+    if len(offered) > 1:
         raise InputError(
-            f"'{file.path.name}' can be read as {' or as '.join(kinds)}; say which with {flag('kind')} {kinds[0]}."
+            f"'{file.path.name}' can be read as {' or as '.join(offered)}; say which with {flag('kind')} {offered[0]}."
         )
-    if not kinds:
+    if not offered:
         names = arrays_that_select(file, n, options)
         choose = f"; name an array, such as {flag('property')} {names[0]}" if names else ""
         raise InputError(
             f"'{file.path.name}' with {file.content} is not a selection for {n} Gaussians with these options{choose}."
         )
-    return kinds[0]
+    return offered[0]
 
 
 def offered_kinds(file: SelectionFile, n: int, options: SelectionOptions) -> list[str]:
     """The kinds that a file can be of, for a scene of n Gaussians; what the program wrote is that and nothing else."""
-    if trimmed.is_trimmed(file) and options.property is None:
+    if kinds.is_trimmed(file) and options.property is None:
         return ["trimmed"]
     by_features = options.classifier is not None or options.query_row is not None
-    with_mask = file.rows is not None and splat_kinds.MASK in file.rows.columns
-    weights = array_kinds.flashsplat_weights(file)
+    with_mask = file.rows is not None and kinds.MASK in file.rows.columns
+    weights = kinds.flashsplat_weights(file)
     offered = {
-        "mask": _may_be_mask(file.vector(options, *array_kinds.MASK_NAMES), n, options),
+        "mask": _may_be_mask(file.vector(options, *kinds.MASK_NAMES), n, options),
         "labels": _may_be_labels(file, n, options),
-        "indices": _may_be_indices(file.vector(options, *array_kinds.INDEX_NAMES), n, file.is_list),
+        "indices": _may_be_indices(file.vector(options, *kinds.INDEX_NAMES), n, file.is_list),
         "subset": file.rows is not None and not (by_features or options.property is not None or with_mask),
         "property": file.rows is not None and not by_features and (options.property is not None or with_mask),
         "classifier": feature_kinds.classifier_of(file) is not None
@@ -127,19 +169,19 @@ def _may_be_mask(values: NDArray[Any] | None, n: int, options: SelectionOptions)
     if values is None or values.dtype.kind in "bf":
         return values is not None
     # Two-valued integers of another length are a mask of another scene, unless they may be the row numbers 0 and 1.
-    return array_kinds.is_two_valued(values) and not options.object_id and (len(values) == n or len(values) > 2)
+    return kinds.is_two_valued(values) and not options.object_id and (len(values) == n or len(values) > 2)
 
 
 def _may_be_labels(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
     """OpenGaussian's clusters, or N integers that are more than a mask, or of which an id is asked for."""
-    values = file.vector(options, *array_kinds.LABEL_NAMES)
-    if values is None or len(values) != n or array_kinds.CLUSTERS in file.arrays:
+    values = file.vector(options, *kinds.LABEL_NAMES)
+    if values is None or len(values) != n or kinds.CLUSTERS in file.arrays:
         return values is not None and len(values) == n
-    return values.dtype.kind in "iu" and (bool(options.object_id) or not array_kinds.is_two_valued(values))
+    return values.dtype.kind in "iu" and (bool(options.object_id) or not kinds.is_two_valued(values))
 
 
 def _may_be_indices(values: NDArray[Any] | None, n: int, is_list: bool) -> bool:
     """Integers whose number is not N, and which are not a two-valued mask."""
     if values is None or values.dtype.kind not in "iu" or (len(values) == n and not is_list):
         return False
-    return not array_kinds.is_two_valued(values) or len(values) <= 2
+    return not kinds.is_two_valued(values) or len(values) <= 2

@@ -16,9 +16,9 @@ import numpy as np
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, mask_of_rows, sigmoid
 from gaussian_trimmer.io.reading import LARGEST
-from gaussian_trimmer.selection_files.object_ids import check_ids
+from gaussian_trimmer.selection_files.labels import check_ids
+from gaussian_trimmer.selection_files.row_matching import identity_features
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, SelectionOptions, flag, open_selection
-from gaussian_trimmer.selection_files.splat_rows import identity_features
 
 _PROBABILITY = 0.3
 """Gaussian Grouping's threshold on the softmax."""

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, clip_name
-from gaussian_trimmer.io.archives import open_archive
-from gaussian_trimmer.io.reading import file_bytes
+from gaussian_trimmer.io.reading import file_bytes, open_archive
 
 _MAX_NUMBER_BYTES = 8
 _MAX_TEXT_BYTES = 1 << 27

@@ -11,17 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, clip_name
-from gaussian_trimmer.formats import FORMATS, has_splats, torch_files
+from gaussian_trimmer.formats import FORMATS, check_values, has_splats, torch_files
 from gaussian_trimmer.formats.checkpoints import Checkpoint, is_checkpoint, parse_checkpoint
-from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
 from gaussian_trimmer.io.reading import is_file, reading
 from gaussian_trimmer.selection_files.read_array import read_json, read_npy, read_npz, read_text
-from gaussian_trimmer.selection_files.row_matching import match_rows
-from gaussian_trimmer.selection_files.splat_rows import (
+from gaussian_trimmer.selection_files.row_matching import (
     SplatRows,
     has_identity_features,
     identity_features,
+    match_rows,
     read_splat_rows,
 )
 from gaussian_trimmer.settings import Range

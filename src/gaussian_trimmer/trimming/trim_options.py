@@ -39,7 +39,7 @@ class TrimOptions:
     level: Annotated[int | None, arg(metavar="N", default="the finest that memory allows")] = None
     """Level of detail of a streamed SOG (lod-meta.json); 0 is the finest."""
     format: Annotated[str | None, arg(metavar="ENDING", default="that of the scene")] = None
-    """Format of object and background: ply, compressed.ply, splat, spz, sog, ksplat or glb."""
+    """Format of object and background: ply, compressed.ply, splat, spz, sog or glb."""
     preset: Literal["default", "paper"] = "default"
     """Defaults of all settings: this program's, or those of the GaussianTrimmer paper."""
     config_file: Annotated[Path | None, arg(metavar="FILE", name="config")] = None

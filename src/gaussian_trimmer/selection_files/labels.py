@@ -1,9 +1,9 @@
-"""Objects chosen by their ids, and lists of ids for those who did not choose."""
+"""Labels of Gaussians: made from blend weights, chosen by their ids, and listed for those who did not choose."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from gaussian_trimmer.selection_files.selection_file import flag
 
 _LISTED = 24
 _LISTED_IN_MESSAGES = 8
+_OBJECTS_AT_ONCE = 16
 
 
 def list_ids(ids: Sequence[int], counts: Sequence[int], most: int = _LISTED) -> str:
@@ -81,3 +82,39 @@ def check_ids(wanted: Sequence[int], ids: Sequence[int], counts: Sequence[int], 
         raise InputError(
             f"'{path.name}' has no Gaussians of object {', '.join(map(str, absent))}; its ids (Gaussians): {listing}."
         )
+
+
+def assign_labels(
+    n: int, numbers: NDArray[Any], weights_of: Callable[[NDArray[Any]], NDArray[Any]], gamma: float = 0.0
+) -> NDArray[Any]:
+    """Return the number of the object of the largest weight, (N,), 0 for the background, in the type of the numbers.
+
+    The optimal assignment of "FlashSplat: 2D to 3D Gaussian Splatting Segmentation Solved Optimally" (Shen et al.,
+    ECCV 2024), section 3: the weights of a Gaussian are scaled to unit length first.
+
+    Args:
+        n: number of Gaussians.
+        numbers: of the objects, rising, (L,).
+        weights_of: gives the blend weights under the background and under some objects, (N, 1 + P), for their numbers
+            (P,). It is called with a few at a time: all columns together would not fit into memory.
+        gamma: background bias in [-1, 1]: positive values select less, negative ones more.
+
+    Ties go to the background, or to the lower number. Gaussians that no view saw are background whatever gamma is.
+
+    >>> weights = np.array([[3.0, 4.0], [4.0, 3.0], [0.0, 0.0]])
+    >>> assign_labels(3, np.array([1]), lambda part: weights).tolist()
+    [1, 0, 0]
+    >>> assign_labels(3, np.array([1]), lambda part: weights, gamma=-0.3).tolist()
+    [1, 1, 0]
+    """
+    largest, squared_length, winner = np.zeros(n), np.zeros(n), np.zeros(n, numbers.dtype)
+    for part in np.array_split(numbers, -(-len(numbers) // _OBJECTS_AT_ONCE)):
+        weights = np.asarray(weights_of(part), np.float64)
+        background, objects = weights[:, 0], weights[:, 1:]
+        squared_length += np.square(objects).sum(axis=1)
+        best, most = objects.argmax(axis=1), objects.max(axis=1)
+        ahead = most > largest
+        winner[ahead], largest[ahead] = part[best[ahead]], most[ahead]
+    length = np.sqrt(squared_length + np.square(background))
+    length[length == 0] = 1.0
+    return np.where(largest / length > background / length + gamma, winner, 0)
