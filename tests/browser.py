@@ -1,6 +1,5 @@
 """A headless Chromium that opens pages from files; tests that need it are marked `needs("browser")`."""
 
-import base64
 import shutil
 from contextlib import contextmanager
 
@@ -45,24 +44,9 @@ def opened(browser, path, *, width=1366, height=768, **options):
     assert [url for url in asked if not url.startswith(("data:", "blob:"))] == [path.as_uri()]
 
 
-def wait_until(page, expression):
-    """Wait until an expression is true, without the browser's own waiting, which the pages' policies forbid."""
-    for _ in range(400):
-        if page.evaluate(expression):
-            return
-        page.wait_for_timeout(50)
-    raise AssertionError(f"never came true: {expression}")
-
-
 def screenshot(element):
     """What an element shows, BGR (H, W, 3)."""
     return cv2.imdecode(np.frombuffer(element.screenshot(), np.uint8), cv2.IMREAD_COLOR)
-
-
-def picture_of(address):
-    """The picture in a data URI, with its alpha, BGRA (H, W, 4)."""
-    data = base64.b64decode(address.split(",", 1)[1])
-    return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
 
 
 def differ(a, b):

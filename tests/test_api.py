@@ -82,7 +82,7 @@ def test_all_names_exist_and_are_listed():
     assert set(gt.__all__) <= set(dir(gt))
     for name in gt.__all__:
         assert getattr(gt, name) is not None
-    assert {"read", "read_cameras", "trim", "trim_objects", "save", "describe", "export_viewer"} <= set(gt.__all__)
+    assert {"read", "read_cameras", "trim", "trim_objects", "save", "describe"} <= set(gt.__all__)
     assert not {"Any", "TYPE_CHECKING", "import_module"} & set(dir(gt))
 
 
@@ -383,12 +383,9 @@ def test_saving_writes_what_the_command_writes(result, tmp_path):
     assert one == json.loads(json.dumps(trimmed.report)) == json.loads(json.dumps(gt.describe(trimmed)))
 
 
-def test_results_are_written_by_functions_and_by_methods(result, tmp_path):
+def test_a_page_is_written_if_it_is_wanted(result, tmp_path):
     gt.save(result, tmp_path / "a", html=True)
     assert "default-src 'none'" in html.unescape((tmp_path / "a" / "report.html").read_text(encoding="utf-8")[:1000])
-    gt.export_viewer(result, tmp_path / "a.html", "both")
-    result.export_viewer(tmp_path / "b.html")
-    assert (tmp_path / "a.html").stat().st_size > (tmp_path / "b.html").stat().st_size > 10_000
 
 
 def test_saving_replaces_only_what_it_may(result, tmp_path):

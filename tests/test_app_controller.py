@@ -592,7 +592,7 @@ def test_results_are_downloaded_and_saved(app, tmp_path):
     act(app.cut_out)
     for what in DOWNLOADS:
         download(what)
-    assert set(view.sent) == {"my_ball.ply", "without_my_ball.ply", "my_ball.zip", "my_ball.html"}
+    assert set(view.sent) == {"my_ball.ply", "without_my_ball.ply", "my_ball.zip"}
     (tmp_path / "object.ply").write_bytes(view.sent["my_ball.ply"])
     assert len(formats.read(tmp_path / "object.ply")) == len(app.session.now.object.fresh.object)
     with zipfile.ZipFile(io.BytesIO(view.sent["my_ball.zip"])) as archive:

@@ -186,14 +186,13 @@ def test_options_are_those_of_trim(words, monkeypatch):
     assert options.settings() == trim.options.settings()
     assert (options.segmenter, options.used_options()) == (trim.options.segmenter, trim.options.used_options())
     assert (options.selection_options, options.format) == (trim.selection_options, trim.options.format)
-    assert (options.placing, options.html) == (trim.results.placing, trim.results.pages.html)
+    assert (options.placing, options.html) == (trim.results.placing, trim.results.html)
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
         ("--labels ids.npy", "--labels is the column 'labels'; leave it out."),
-        ("--export-viewer=a.html", "--export-viewer is not for a batch; leave it out."),
         ("--plan.sise 3", "--plan.sise is not an option or argument of 'trim'; did you mean --plan.size?"),
         ("'x", "The options ''x' cannot be split into words (No closing quotation)."),
     ],

@@ -367,7 +367,7 @@ def test_wrong_usage_is_one_sentence(arguments, said, capsys):
 def test_up_is_an_axis_wherever_it_stands(given, vector):
     for command in ("trim", "select"):
         assert cli._parse(command, ["a.ply", *given]).options.config.up == vector
-    assert cli._parse("convert", ["a.ply", "b.html", *given]).up == vector
+    assert cli._parse("convert", ["a.ply", "b.ply", *given]).up == vector
 
 
 @pytest.mark.parametrize(
@@ -445,7 +445,6 @@ def test_an_earlier_trim_is_kept_out_of_the_next(ball, tmp_path, capsys):
     [
         (["--photos", "masks"], "--photos is for one object"),
         (["--segmenter", "mask-files", "--mask-files.folder", "masks"], "has masks of one object"),
-        (["--export-viewer", "a.html"], "--export-viewer is for one object"),
         (["--sphere", 0, 0, 0, 1], "leave SELECTION and marks out"),
     ],
 )

@@ -145,7 +145,6 @@ def test_convert_turns_for_an_engine(ball, tmp_path, capsys):
     np.testing.assert_allclose(shift, shift[0], atol=1e-4)
     assert run("convert", ball / "scene.ply", tmp_path / "a.sog", "--for", "unreal") == 2
     assert "unreal reads .ply" in capsys.readouterr().err
-    assert run("convert", ball / "scene.ply", tmp_path / "a.html", "--origin", "foot") == 2
 
 
 def test_nothing_is_called_upright_by_a_guess(tmp_path, capsys):

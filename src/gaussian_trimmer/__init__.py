@@ -26,7 +26,6 @@ if TYPE_CHECKING:  # `typing` takes longer to import than all that is imported h
     from gaussian_trimmer.finding.find import find_objects
     from gaussian_trimmer.formats import read, write
     from gaussian_trimmer.gaussians import Gaussians
-    from gaussian_trimmer.output.html.viewer import export_viewer
     from gaussian_trimmer.output.report import describe
     from gaussian_trimmer.output.saving import save
     from gaussian_trimmer.selecting import marks
@@ -48,7 +47,6 @@ __all__ = [
     "cameras_from_arrays",
     "chosen_objects",
     "describe",
-    "export_viewer",
     "find_objects",
     "marks",
     "read",
@@ -71,7 +69,6 @@ _LATE = {
     "cameras_from_arrays": "gaussian_trimmer.camera_files:cameras_from_arrays",
     "chosen_objects": "gaussian_trimmer.finding.editing:chosen_objects",
     "describe": "gaussian_trimmer.output.report:describe",
-    "export_viewer": "gaussian_trimmer.output.html.viewer:export_viewer",
     "find_objects": "gaussian_trimmer.finding.find:find_objects",
     "marks": "gaussian_trimmer.selecting.marks",
     "read": "gaussian_trimmer.formats:read",

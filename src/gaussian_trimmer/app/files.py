@@ -27,7 +27,6 @@ from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.writing import atomic_folder, safe_file_name
 from gaussian_trimmer.output.engines import ENGINES, EngineName, placement_for
-from gaussian_trimmer.output.html.viewer import export_viewer
 from gaussian_trimmer.output.placing import PlacingOptions
 from gaussian_trimmer.output.report import describe, file_stems
 from gaussian_trimmer.output.saving import RESULTS, result_files, write_trim
@@ -39,7 +38,7 @@ from gaussian_trimmer.trimming.trim import trim_objects
 
 MARKS = "selection.json"
 """Name of the file of marks among the results, the same as the command line's."""
-OBJECT, WITHOUT, ALL_FILES, PAGE = DOWNLOADS = ("Object", "Scene without it", "Everything", "Web page")
+OBJECT, WITHOUT, ALL_FILES = DOWNLOADS = ("Object", "Scene without it", "Everything")
 _MOST_RECENT = 5
 CAMERA_NAMES = ("cameras.json", "transforms.json", "transforms_train.json")
 
@@ -114,9 +113,6 @@ class Files:
             if what == ALL_FILES:
                 save(now, folder, format, engine=engine)
                 path = Path(shutil.make_archive(str(folder), "zip", parent, name))
-            elif what == PAGE:
-                path = Path(parent, f"{name}.html")
-                export_viewer(result, path)
             else:
                 suffix = now.document.suffix(format or (engine and ENGINES[engine].reads[0]))
                 path = Path(parent, f"{'' if what == OBJECT else 'without_'}{name}{suffix}")

@@ -48,7 +48,7 @@ ELSEWHERE = {
     "--json": "is an option of the batch itself",
     "--quiet": "is an option of the batch itself",
     **dict.fromkeys(
-        ("--exclude", "--photos", "--export-viewer", "--viewer-part", "--log-level", "--coordinates", "--view",
+        ("--exclude", "--photos", "--log-level", "--coordinates", "--view",
          "--view-index", "--click", "--box", "--box3d", "--sphere", "--plane", "--remove-click", "--remove-box",
          "--remove-box3d", "--remove-sphere", "--remove-plane", "--intersect-box3d", "--intersect-sphere",
          "--intersect-plane", "--add", "--subtract", "--intersect", "--grow", "--shrink"),

@@ -1,4 +1,4 @@
-"""`gaussian-trimmer convert`: one splat format to another, or to a page for a browser."""
+"""`gaussian-trimmer convert`: one splat format to another."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.options import Positional, arg
-from gaussian_trimmer.output.html.document import SUFFIXES
 from gaussian_trimmer.output.placing import PlacingOptions
 from gaussian_trimmer.trimming.up_vector import DEFAULT_UP, find_up
 
@@ -23,14 +22,11 @@ from gaussian_trimmer.trimming.up_vector import DEFAULT_UP, find_up
 class Convert:
     """Convert a splat file. The endings of the names tell the formats.
 
-    A target that ends with .html becomes a page that draws the Gaussians, up to a million, in any browser, without a
-    server and without the network. It cannot be read back. A file cannot be converted into itself: what the format
-    does not hold would be lost.
+    A file cannot be converted into itself: what the format does not hold would be lost.
     """
 
     EXAMPLES: ClassVar[tuple[str, ...]] = (
         "gaussian-trimmer convert scene.ply scene.spz",
-        "gaussian-trimmer convert scene.ply scene.html --up z",
         "gaussian-trimmer convert object.ply object_unity.ply --for unity --up z",
     )
 
@@ -38,7 +34,7 @@ class Convert:
     """File to read: .ply, .compressed.ply, .splat, .spz, .sog, the meta.json or lod-meta.json of an unbundled one,
     .glb, or a .ckpt of nerfstudio; or the folder of a training."""
     target: Annotated[Positional[Path], arg(metavar="TARGET")]
-    """File to write, in one of these formats or .html."""
+    """File to write, in one of these formats."""
     level: Annotated[int | None, arg(metavar="N", default="the finest that memory allows")] = None
     """Level of detail of a streamed SOG (lod-meta.json); 0 is the finest."""
     sort: bool = False
@@ -47,7 +43,7 @@ class Convert:
     """Version of an .spz target: 3, which every reader knows, or 4, which is a little smaller."""
     placing: Annotated[PlacingOptions, arg(name="")] = field(default_factory=PlacingOptions)
     up: tuple[float, float, float] | None = None
-    """Which way is up in SOURCE, for --for, --origin and pages. By default the ground is looked for."""
+    """Which way is up in SOURCE, for --for and --origin. By default the ground is looked for."""
     overwrite: bool = False
     """Replace the target if it exists."""
     printing: Annotated[PrintOptions, arg(name="")] = field(default_factory=PrintOptions)
@@ -61,10 +57,9 @@ class Convert:
         """
         source = formats.find_scene(self.source)
         refuse_existing(self.target, inputs=[source], overwrite=self.overwrite)
-        page = self.target.suffix.lower() in SUFFIXES
-        self._refuse_options_of_other_formats(page)
+        self._refuse_options_of_other_formats()
         console = self.printing.console()
-        said = self._write_page(console) if page else self._convert(source, console)
+        said = self._convert(source, console)
         read = formats.scene_files(source, self.level)
         before, after = (sum(path.stat().st_size for path in paths) for paths in (read, [self.target]))
         console.print(
@@ -74,12 +69,10 @@ class Convert:
             console.print(sentence)
         self.printing.print_json({"file": str(self.target), "bytes": after, "bytes_of_source": before, **said})
 
-    def _refuse_options_of_other_formats(self, page: bool) -> None:
+    def _refuse_options_of_other_formats(self) -> None:
         self.placing.check_target(self.target)
-        if page and (self.sort or self.placing.wished):
-            raise InputError("--sort, --origin and --scale are for splat files; a page sorts and frames what it draws.")
-        if self.up is not None and not page and not self.placing.needs_up:
-            raise InputError("--up is for pages, which end with .html, --for and --origin; else the axes stay.")
+        if self.up is not None and not self.placing.needs_up:
+            raise InputError("--up is for --for and --origin; else the axes stay.")
         if self.spz_version != Convert.spz_version and not self._is_spz():
             raise InputError(f"'{self.target}' is not an .spz file; leave --spz-version out, or give it that ending.")
 
@@ -107,13 +100,6 @@ class Convert:
         options |= {"level": self.level, "say": console.print, "sort": self.sort, "change": change}
         count = len(formats.convert(self.source, self.target, **options))
         return {"gaussians": count, "notes": notes, **placed}
-
-    def _write_page(self, console: Console) -> dict[str, Any]:
-        from gaussian_trimmer.output.html.viewer import write_viewer
-
-        gaussians = formats.read(self.source, level=self.level, say=console.print)
-        write_viewer({"scene": gaussians}, self.target, self._found_up(gaussians, console))
-        return {"gaussians": len(gaussians), "notes": []}
 
     def _found_up(self, gaussians: Gaussians, console: Console) -> Float64Array:
         """The up vector that is given, or else that of the ground; it is printed.

@@ -9,7 +9,6 @@ from typing import Annotated
 
 from gaussian_trimmer import sample
 from gaussian_trimmer.commands.console import PrintOptions, open_console
-from gaussian_trimmer.commands.pages import PageOptions
 from gaussian_trimmer.commands.scene_inputs import SceneInputs
 from gaussian_trimmer.commands.trim import Trim
 from gaussian_trimmer.commands.trim_run import ResultOptions
@@ -43,7 +42,7 @@ class Demo:
             results=ResultOptions(
                 overwrite=self.overwrite or self.output is None,
                 printing=PrintOptions(quiet=self.quiet),
-                pages=PageOptions(html=True),
+                html=True,
             ),
         ).run()
         console.print(

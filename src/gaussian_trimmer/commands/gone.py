@@ -10,6 +10,7 @@ GONE = {
     "--renderer": "Leave it out: the CPU renderer draws everything.",
     "--photos": "Make masks of the photographs with any tool, and give their folder with --masks.",
     "--export-viewer": "Open object.ply in any splat viewer; splat-transform writes a page that holds a scene.",
+    "--viewer-part": "Open object.ply or background.ply in any splat viewer.",
     "--box3d": "Cut by boxes in the app ('view'), or give booleans of your own as the selection.",
     "--sphere": "Cut by balls in the app ('view'), or give booleans of your own as the selection.",
     "--plane": "Cut by planes in the app ('view'), or give booleans of your own as the selection.",

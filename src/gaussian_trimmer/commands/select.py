@@ -21,7 +21,7 @@ from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.manifest import is_made_of
 from gaussian_trimmer.io.writing import atomic_folder, save_array
 from gaussian_trimmer.options import arg
-from gaussian_trimmer.output.view_listing import VIEW_FILES, write_view_listing
+from gaussian_trimmer.output.pictures import as_picture, with_grid, write_picture
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.lifting import lift_id_masks
 from gaussian_trimmer.selecting.marks import FromMasks, Mark, Marks
@@ -69,7 +69,7 @@ class Select:
     marks: Annotated[Path | None, arg(metavar="FILE")] = None
     """Begin with the marks of an earlier run."""
     list_views: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Only write pictures of all views to this folder, with a page to click in."""
+    """Only write pictures of all views to this folder, named by the numbers that --view-index takes."""
     grid: bool = False
     """Draw a grid of pixel numbers over these pictures."""
     overview: Annotated[OverviewConfig, arg(name="")] = field(default_factory=OverviewConfig)
@@ -180,10 +180,8 @@ class Select:
             raise InputError("Object numbers come from --masks alone; give it, and leave marks out.")
         if self.object_ids and self.trim is not None:
             raise InputError("Trim all objects afterwards, with 'trim SCENE --labels FILE'; leave --trim out.")
-        if self.results.pages.wished() and self.trim is None:
-            raise InputError("--html and --export-viewer show a trim; add --trim DIR, or leave them out.")
-        if self.trim is not None:
-            self.results.pages.check(self.trim, overwrite=self.results.overwrite)
+        if self.results.html and self.trim is None:
+            raise InputError("--html shows a trim; add --trim DIR, or leave it out.")
         if self.selection_path.suffix != ".npy":
             raise InputError(f"The selection '{self.selection_path}' is saved as .npy; give a name with that ending.")
         if self.list_views is None:
@@ -212,24 +210,23 @@ class Select:
     def _write_views(self, folder: Path, console: Console) -> None:
         scene_file = self.inputs.scene
         overwrite = self.results.overwrite or is_made_of(folder, scene_file)
-        with atomic_folder(folder, _LISTING, names=VIEW_FILES, source=scene_file, overwrite=overwrite) as part:
+        with atomic_folder(
+            folder, _LISTING, names=["[0-9][0-9][0-9].png"], source=scene_file, overwrite=overwrite
+        ) as part:
             scene, cameras = self.inputs.read(self.options, console)
             up, renderer = find_up(scene, cameras, self.options.config.up), get_renderer(self.options.renderer)
             overview = self._overview(scene, cameras, up)
-            drawn = [(view.camera, drawn_rows(scene.means, view)) for view in overview.views]
-            write_view_listing(scene, drawn, overview.whole, self._command_of_views(), part, renderer, grid=self.grid)
-        self.results.printing.print_json({"views": len(drawn)}, (folder, _LISTING))
+            for number, view in enumerate(overview.views):
+                picture = as_picture(renderer.render(scene.select(drawn_rows(scene.means, view)), view.camera).rgb)
+                write_picture(with_grid(picture) if self.grid else picture, part / f"{number:03d}.png")
+        self.results.printing.print_json({"views": len(overview.views)}, (folder, _LISTING))
         print_up(console, up)
-        console.print(f"{folder}: {len(drawn)} views, each named by its number for --view-index")
-        if 0 < len(overview.whole) < len(drawn):
+        console.print(f"{folder}: {len(overview.views)} views, each named by its number for --view-index")
+        if 0 < len(overview.whole) < len(overview.views):
             first, last = overview.whole[0], overview.whole[-1]
             console.print(f"Views {first} to {last} show the whole capture, the others its most detailed part.")
-        console.print(f"To click: open {folder / 'index.html'} in a browser.")
-
-    def _command_of_views(self) -> list[str]:
-        """The command that selects in the views, without marks."""
         words = ["gaussian-trimmer", "select", *self.inputs.words(self.options), *changed_words(self.overview)]
-        return [*words, "--trim", str(Path("trimmed") / self.inputs.name)]
+        console.print(f"To mark: {shlex.join(words)} --view-index N --click X Y")
 
     def _next_command(self, marks: Marks | None) -> str:
         scene, *options = self.inputs.words(self.options)

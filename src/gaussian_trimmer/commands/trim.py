@@ -118,7 +118,6 @@ class Trim:
         if self.selection is not None and formats.has_splats(self.selection) and not is_scene:
             raise InputError(f"'{scene.name}' is not a splat file; the scene comes before the selection.")
         check_settings(self.options.settings())
-        self.results.pages.check(self.folder(), overwrite=self.results.overwrite)
         marks = self.marks.marks()
         if self.labels is None:
             return

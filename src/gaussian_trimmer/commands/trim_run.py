@@ -21,7 +21,6 @@ from gaussian_trimmer.commands.console import (
     print_warnings,
     progress_over_stages,
 )
-from gaussian_trimmer.commands.pages import PageOptions
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.geometry.bounds import robust_bounds
@@ -69,7 +68,8 @@ class ResultOptions:
     printing: Annotated[PrintOptions, arg(name="")] = field(default_factory=PrintOptions)
     log_level: Literal["debug", "info", "warning", "error"] | None = None
     """Log each stage on standard error."""
-    pages: Annotated[PageOptions, arg(name="")] = field(default_factory=PageOptions)
+    html: bool = False
+    """Also write report.html, one page with views before and after and all numbers."""
 
     def console(self) -> Console:
         """Return what to print to."""
@@ -81,11 +81,8 @@ class ResultOptions:
         Raises:
             InputError: something of it is asked for.
         """
-        for name, wished in (
-            ("--export-viewer", self.pages.export_viewer), ("--photos", self.photos),
-        ):  # fmt: skip
-            if wished is not None:
-                raise InputError(f"{name} is for one object; leave it out, or trim the objects one by one.")
+        if self.photos is not None:
+            raise InputError("--photos is for one object; leave it out, or trim the objects one by one.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,12 +160,11 @@ class TrimRun:
 
     def _locked_folder(self) -> Any:
         """The folder to write to, locked against other runs; errors as those of `atomic_folder`."""
-        pages = self.results.pages
-        names = result_files(self.suffix, html=pages.html) + result_files(self.suffix, several=self.several)
+        names = result_files(self.suffix, html=self.results.html) + result_files(self.suffix, several=self.several)
         return atomic_folder(
             self.folder,
             RESULTS,
-            names=(*names, MARKS, *self.results.placing.patterns(self.suffix), *pages.names(self.folder)),
+            names=(*names, MARKS, *self.results.placing.patterns(self.suffix)),
             inputs=self.files,
             source=self.source,
             overwrite=self.results.overwrite,
@@ -200,13 +196,12 @@ class TrimRun:
             progress=stage,
         )
         stage("write")
-        pages, for_report = self.results.pages, dict(self.for_report) | self._choices()
+        for_report = dict(self.for_report) | self._choices()
         if selected.first.marks is not None:
             write_marks(selected.first.marks, part / MARKS)
             for_report["marks"] = MARKS
         report = describe(result, for_report, seconds, self.suffix)
-        write_trim(result, report, part, self.suffix, html=pages.html)
-        pages.write_viewer(result, self.folder, part)
+        write_trim(result, report, part, self.suffix, html=self.results.html)
         placing, said = self.results.placing, list[str]()
         if placing.wished:
             said.append(placing.sentence(placing.write(result, part, self.suffix), result.objects[0].up))
@@ -248,16 +243,13 @@ class TrimRun:
 
     def _say_where(self, console: Console, report: Mapping[str, Any], said: Sequence[str]) -> None:
         """Say where the results are, and more of them."""
-        pages = self.results.pages
         files = [entry["file"] for entry in object_entries(report) if entry["file"]]
         listed = ", ".join(files) if len(files) <= _LISTED else f"{files[0]} to {files[-1]}"
-        looked_at = REPORT if pages.html else PICTURE
+        looked_at = REPORT if self.results.html else PICTURE
         background = f", background{self.suffix}" if report["counts"]["background"] else ""
         console.print(f"{listed}{background}, {looked_at} and the rest are in {self.folder}.")
         for sentence in said:
             console.print(sentence)
-        if pages.export_viewer is not None:
-            console.print(pages.sentence())
 
 
 def _print_objects(console: Console, report: Mapping[str, Any], seconds: float) -> None:

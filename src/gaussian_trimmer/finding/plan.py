@@ -10,8 +10,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera, look_at, up_frame
 from gaussian_trimmer.finding.found import FoundObjects
 from gaussian_trimmer.gaussians import Float64Array
-from gaussian_trimmer.output.pictures import Picture, as_picture
-from gaussian_trimmer.output.view_listing import draw_number
+from gaussian_trimmer.output.pictures import Picture, as_picture, draw_number
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.views.camera_rings import NEAR_RADII
 

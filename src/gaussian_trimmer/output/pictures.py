@@ -53,6 +53,10 @@ _CELL_PIXELS, _SMALL_CELL_PIXELS = 320, 200
 """Sides of a picture where there is one object, and where there are several."""
 _OBJECTS_A_ROW, _MOST_OBJECTS = 4, 60
 _GAP_PIXELS = 4
+_GRID_STEPS, _GRID_LINES = (20, 25, 50, 100, 200, 250, 500, 1000), 12
+"""Distances of the lines of a grid in pixels, and their number along the longer side, about."""
+_GRID_COLOUR: Colour = (255, 255, 255)
+_NUMBER_SCALE = 0.4
 _USUAL_PITCH_DEGREES = 20.0
 """Of pictures of an object that no view has judged."""
 _MAX_PITCH_DEGREES = 80.0
@@ -260,6 +264,29 @@ def nearby_rows(scene: Gaussians, rows: IntArray, bounds: Bounds) -> IntArray:
 def as_picture(rgb: FloatArray) -> Picture:
     """Colours from 0 to 1 (H, W, 3) as a picture."""
     return np.ascontiguousarray(np.clip(rgb[..., ::-1] * 255 + 0.5, 0, 255).astype(np.uint8))
+
+
+def with_grid(picture: Picture) -> Picture:
+    """A picture with lines at round pixel numbers, which stand at its upper and left edge."""
+    height, width = picture.shape[:2]
+    step = next((step for step in _GRID_STEPS if step * _GRID_LINES >= max(height, width)), _GRID_STEPS[-1])
+    drawn = picture.copy()
+    for x in range(step, width, step):
+        cv2.line(drawn, (x, 0), (x, height - 1), _GRID_COLOUR, 1)
+    for y in range(step, height, step):
+        cv2.line(drawn, (0, y), (width - 1, y), _GRID_COLOUR, 1)
+    drawn = np.asarray(cv2.addWeighted(drawn, 0.25, picture, 0.75, 0), np.uint8)
+    for x in range(step, width, step):
+        draw_number(drawn, x, (x + 2, 10))
+    for y in range(step, height, step):
+        draw_number(drawn, y, (2, y - 3))
+    return drawn
+
+
+def draw_number(picture: Picture, number: int, place: tuple[int, int], scale: float = _NUMBER_SCALE) -> None:
+    """Write a number into a picture, to be read on any ground; `place` is its lower left corner, x and y."""
+    for colour, thickness in (((0, 0, 0), 3), ((255, 255, 255), 1)):
+        cv2.putText(picture, str(number), place, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, thickness, cv2.LINE_AA)
 
 
 def _frame(picture: Picture) -> None:

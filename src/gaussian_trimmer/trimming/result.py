@@ -222,12 +222,6 @@ class TrimResult:
 
         return save(self, folder, **options)
 
-    def export_viewer(self, path: str | Path, part: str = "object", *, overwrite: bool = False) -> None:
-        """Write a page that draws the object in any browser; see `gaussian_trimmer.export_viewer`."""
-        from gaussian_trimmer.output.html.viewer import export_viewer
-
-        export_viewer(self, path, part, overwrite=overwrite)
-
 
 def title_of(name: str) -> str:
     """Return what to call an object: its name, or the number that stands for one.

@@ -1,1 +1,1 @@
-"""Pages that open in a browser without a server: the report of a trim, and a viewer of Gaussians."""
+"""Pages that open in a browser without a server: the report of a trim."""

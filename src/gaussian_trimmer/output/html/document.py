@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from jinja2 import Environment
     from markupsafe import Markup
 
-SUFFIXES = (".html", ".htm")
-"""Endings of names that browsers know as those of pages."""
 _MAX_TEXT = 4000
 """Characters of one text of a stranger's that a page shows."""
 
@@ -39,7 +37,7 @@ def document(title: str, body: str, *, style: str = "", script: str = "", stands
     """
     checksum = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     scripts = f"'sha256-{checksum}'" if script else "'none'"
-    policy = [f"script-src {scripts}", "worker-src blob:", "child-src blob:", "base-uri 'none'", "form-action 'none'"]
+    policy = [f"script-src {scripts}", "base-uri 'none'", "form-action 'none'"]
     if stands_alone:
         policy = ["default-src 'none'", "img-src data:", "style-src 'unsafe-inline'", *policy]
     page = render(
