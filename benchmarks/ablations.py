@@ -135,7 +135,7 @@ class Ablations:
         variants, runs = self._variants(), []
         for trial in self._trials():
             # A first trim that is not measured compiles and fills caches.
-            next(iter(variants.values())).trim(trial, judge.renderer)
+            next(iter(variants.values())).trim(trial)
             for run in measure(trial, variants, judge, fidelity=False):
                 runs.append(run)
                 print_run(run, progress)

@@ -44,7 +44,7 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaus
 from gaussian_trimmer.geometry.split import AXIS_LENGTH, SAGD_SHRINKAGE, split_plane
 from gaussian_trimmer.masks.prompts import Prompt
 from gaussian_trimmer.masks.sam import SamConfig, SamSegmenter
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selecting.lifting import sum_label_weights
 from gaussian_trimmer.views.view import bounding_box
 
@@ -67,7 +67,6 @@ class Lifting:
     cameras: Sequence[Camera]
     masks: Sequence[BoolArray]
     """Of the object in each of these cameras, (H, W)."""
-    renderer: Renderer
 
 
 Lifted = tuple[Gaussians, BoolArray]
@@ -158,7 +157,7 @@ class Baselines:
         chosen = chosen_variants(self.variants, self.sam_model)
         progress, overlaps = open_console(quiet=self.tables.for_programs), list[float]()
         for folder in self.scenes:
-            for trial in self._trials(open_scene(folder), judge.renderer, overlaps, progress.print):
+            for trial in self._trials(open_scene(folder), overlaps, progress.print):
                 for run in measure(trial, chosen, judge, fidelity=False):
                     runs.append(run)
                     print_run(run, progress)
@@ -168,9 +167,7 @@ class Baselines:
     def _how(self) -> str:
         return f"SAM by true boxes ({self.sam_model.name})" if self.sam_model else str(self.masks or "the scene's own")
 
-    def _trials(
-        self, scene: BenchmarkScene, renderer: Renderer, overlaps: list[float], report: Callable[[str], None]
-    ) -> Iterator[Trial]:
+    def _trials(self, scene: BenchmarkScene, overlaps: list[float], report: Callable[[str], None]) -> Iterator[Trial]:
         listed = only_training(read_camera_set(scene.cameras_file))
         cameras = evenly_spread(listed, self.views) or []
         up = None if scene.up is None else tuple(scene.up.tolist())
@@ -183,7 +180,7 @@ class Baselines:
                 truth = scene.coverage(name, camera.name) > 0.5
                 mask = truth
                 if model is not None and truth.any():
-                    found = model.propose(renderer.render(scene.gaussians, camera).rgb, Prompt(bounding_box(truth)))
+                    found = model.propose(render(scene.gaussians, camera).rgb, Prompt(bounding_box(truth)))
                     mask = found.logits[int(np.argmax(found.scores))] > 0
                 elif self.masks is not None:
                     mask = read_mask(self.masks / name / camera.name) > 0.5
@@ -192,7 +189,7 @@ class Baselines:
             report(f"{scene.name}/{name}: IoU of the masks {100 * np.mean(overlaps[-len(cameras) :]):.1f}")
             views = [view for view in scene.test_views(name) if not view.far]
             for method in self.methods:
-                gaussians, selection = METHODS[method](Lifting(scene.gaussians, cameras, masks, renderer))
+                gaussians, selection = METHODS[method](Lifting(scene.gaussians, cameras, masks))
                 before = cut_by(gaussians, selection)
                 yield Trial(scene.name, name, method, gaussians, selection, before, views, listed, up)
 
@@ -213,7 +210,7 @@ def table_of(runs: Sequence[Run], variants: Sequence[str], notes: Sequence[str])
 def _weights(given: Lifting, gaussians: Gaussians) -> Float64Array:
     """Blend weight of each Gaussian outside and inside of the masks, (N, 2)."""
     labels = [mask.astype(np.uint8) for mask in given.masks]
-    return np.asarray(sum_label_weights(gaussians, given.cameras, labels, 2, given.renderer))
+    return np.asarray(sum_label_weights(gaussians, given.cameras, labels, 2))
 
 
 def _assigned(weights: Float64Array) -> BoolArray:

@@ -34,7 +34,7 @@ from gaussian_trimmer.evaluation.ground_truth import TestView
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.distances import distance_to_outside
 from gaussian_trimmer.masks.sam import SamConfig, SamSegmenter
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import blend_values, render
 from gaussian_trimmer.selecting.marks import Box, Click, Mark
 from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.trimming.config import TrimConfig
@@ -48,7 +48,6 @@ _GOOD_ENOUGH = 0.95
 """Share of the IoU of `exact` from which on no more marks are set."""
 _MARGIN = 2
 """Pixels between the mask's bounds and the box."""
-_RENDERER = get_renderer("numba")
 
 
 @dataclass(frozen=True)
@@ -156,7 +155,7 @@ def _measure(scene: BenchmarkScene, arguments: Arguments) -> Iterator[Row]:
             while True:
                 number, view = len(marks), marks[-1].view.name
                 try:
-                    made = select(scene.gaussians, marks, cameras=cameras, up=up, renderer=_RENDERER, model=model)
+                    made = select(scene.gaussians, marks, cameras=cameras, up=up, model=model)
                 except InputError as refused:
                     yield Row(scene.name, name, way, view, str(refused), 0, 0.0, 0.0, number, exact)
                     break
@@ -184,7 +183,7 @@ def _next_click(scene: BenchmarkScene, name: str, selection: BoolArray) -> Click
     values = selection.astype(np.float32)[:, None]
     for camera in scene.training_cameras:
         truth = scene.coverage(name, camera.name) > 0.5
-        shown = _RENDERER.blend_values(scene.gaussians, camera, values)[..., 0] > 0.5
+        shown = blend_values(scene.gaussians, camera, values)[..., 0] > 0.5
         union = np.count_nonzero(truth | shown)
         iou = np.count_nonzero(truth & shown) / union if union else 1.0
         if iou < worst:
@@ -224,7 +223,7 @@ def _best_view(scene: BenchmarkScene, name: str) -> tuple[Camera, BoolArray]:
 
 def _iou(gaussians: Gaussians, views: Sequence[TestView]) -> float:
     """Mean foreground IoU over the views, percent, with the object rendered alone."""
-    shown = [(_RENDERER.render(gaussians, view.camera).alpha, view) for view in views]
+    shown = [(render(gaussians, view.camera).alpha, view) for view in views]
     return 100 * float(
         np.mean([metrics.foreground_iou(alpha, view.alone.coverage, view.alone.counted) for alpha, view in shown])
     )

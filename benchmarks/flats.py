@@ -24,7 +24,6 @@ from gaussian_trimmer.finding.found import SURE
 from gaussian_trimmer.finding.plan import draw_plan
 from gaussian_trimmer.gaussians import Float64Array, Gaussians, IntArray, concatenate
 from gaussian_trimmer.output.pictures import write_picture
-from gaussian_trimmer.rendering import get_renderer
 
 _HEIGHT, _DOOR_HEIGHT, _DOOR_WIDTH, _WALL = 2.6, 2.05, 0.9, 0.1
 _THINNED = 0.012, 0.045
@@ -372,7 +371,7 @@ def _measure(flat: Flat, picture: Path) -> None:
     print("  missed:", ", ".join(name for thing, name in enumerate(flat.names) if thing not in matched))
     false = [one for number, one in enumerate(sure) if number not in matched.values()]
     print("  false:", "; ".join(f"{one.id} at {one.centre.round(1)} size {one.size.round(1)}" for one in false))
-    write_picture(draw_plan(found, get_renderer("numba")), picture)
+    write_picture(draw_plan(found), picture)
 
 
 if __name__ == "__main__":

@@ -22,10 +22,8 @@ from gaussian_trimmer.evaluation import metrics
 from gaussian_trimmer.evaluation.panoptic import compare_objects
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.trim import trim_objects
-
-_RENDERER = get_renderer("numba")
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ def _measure(scene: BenchmarkScene, arguments: Arguments) -> None:
         for camera, far in scene.test_frames
         if not far
     ]
-    scores = compare_objects(scene.gaussians, list(selections.values()), views, _RENDERER)
+    scores = compare_objects(scene.gaussians, list(selections.values()), views)
     print(scene.name, ", ".join(f"{name} {value:.4g}" for name, value in scores.counts().items()), flush=True)
     trimmed = (
         trim_objects(scene.gaussians, selections, cameras=cameras).objects if arguments.trim and selections else ()
@@ -76,7 +74,7 @@ def _measure(scene: BenchmarkScene, arguments: Arguments) -> None:
 def _iou(scene: BenchmarkScene, name: str, part: Gaussians) -> float:
     """Mean foreground IoU over the held-out views, percent, with the object rendered alone."""
     views = [view for view in scene.test_views(name) if not view.far]
-    shown = [(_RENDERER.render(part, view.camera).alpha, view) for view in views]
+    shown = [(render(part, view.camera).alpha, view) for view in views]
     return 100 * float(
         np.mean([metrics.foreground_iou(alpha, view.alone.coverage, view.alone.counted) for alpha, view in shown])
     )

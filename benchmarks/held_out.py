@@ -24,7 +24,6 @@ from tyro.conf import Positional, arg
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.runs import Run, Trial, Variant, measure
 from gaussian_trimmer.evaluation.scoring import RULES, Judge
-from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.trimming.config import TrimConfig
 
 Groups = Mapping[str, Mapping[str, float]]
@@ -69,7 +68,7 @@ class HeldOut:
         choices = [Choice.parse(text) for text in self.settings]
         if not choices:
             raise InputError("There is nothing to choose: give --settings.")
-        judge = Judge(get_renderer("numba"))
+        judge = Judge()
         variants = {DEFAULT: Variant()}
         for choice in choices:
             variants |= choice.variants()

@@ -26,7 +26,6 @@ from gaussian_trimmer.cameras import only_training
 from gaussian_trimmer.finding.found import SURE
 from gaussian_trimmer.finding.judging import FindConfig, judge
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
-from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.surface import contacts as known
 from gaussian_trimmer.surface.contacts import Contacts
 from gaussian_trimmer.surface.regions import find_regions
@@ -83,10 +82,10 @@ def main() -> None:
 def _cases(group: int, scene: BenchmarkScene) -> Iterator[_Case]:
     cameras = only_training(read_camera_set(scene.cameras_file))
     up = np.asarray(find_up(scene.gaussians, cameras, None).direction, np.float64)
-    names, renderer = scene.objects, get_renderer("numba")
+    names = scene.objects
 
     def case(gaussians: Gaussians, masks: dict[str, BoolArray], pair: tuple[str, str] | None) -> _Case:
-        surface = find_visible_surface(gaussians, views_of(gaussians, cameras, up), up, renderer)
+        surface = find_visible_surface(gaussians, views_of(gaussians, cameras, up), up)
         labels = np.zeros(len(surface.rows), np.int64)
         for number, name in enumerate(names, 1):
             labels[masks[name][surface.rows]] = number

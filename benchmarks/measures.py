@@ -1,4 +1,4 @@
-"""What `speed.py` measures: a trim in Python, the command, and the CPU renderer's steps; each in its own process."""
+"""What `speed.py` measures: a trim in Python, the command, and the steps of drawing; each in its own process."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 from synthetic_scenes import KERNEL_SIZE, kernel_view
@@ -24,8 +24,8 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.masks import Segmenter, get_segmenter
 from gaussian_trimmer.masks.sam2_video import Sam2Config
-from gaussian_trimmer.rendering import Renderer, get_renderer
-from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer, project_view
+from gaussian_trimmer.rendering import blend_weights, render
+from gaussian_trimmer.rendering.tile_renderer import project_view
 from gaussian_trimmer.selection_files import load_selection
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.result import TrimResult
@@ -42,7 +42,6 @@ class Case:
     scene: Path
     selection: Path
     config: TrimConfig
-    renderer: str
     segmenter: str
     sam2_model: str
     """Folder or hub name of the model of `sam2`."""
@@ -77,11 +76,11 @@ def measure_trim(case: Case) -> Record:
     scene = formats.read(case.scene)
     selection = load_selection(case.selection, scene)
     loads = [_seconds(lambda: formats.read(case.scene)) for _ in range(case.runs)]
-    renderer, segmenter = get_renderer(case.renderer), _segmenter(case)
-    result, _ = _timed_trim(scene, selection, case.config, renderer, segmenter)
+    segmenter = _segmenter(case)
+    result, _ = _timed_trim(scene, selection, case.config, segmenter)
     stages = []
     for _ in range(case.runs):
-        result, seconds = _timed_trim(scene, selection, case.config, renderer, segmenter)
+        result, seconds = _timed_trim(scene, selection, case.config, segmenter)
         stages.append(seconds)
     return {
         "gaussians": len(scene),
@@ -97,52 +96,13 @@ def measure_trim(case: Case) -> Record:
     }
 
 
-def measure_host(case: Case) -> Record:
-    """Seconds by stage with every rendering known beforehand: what is left where rendering takes no time."""
-    scene = formats.read(case.scene)
-    selection = load_selection(case.selection, scene)
-    recorder, segmenter = Recorder(get_renderer(case.renderer)), _segmenter(case)
-    trim(scene, selection, config=case.config, renderer=cast(Renderer, recorder), segmenter=segmenter)
-    stages = []
-    for _ in range(case.runs):
-        replay = recorder.replayed()
-        stages.append(_timed_trim(scene, selection, case.config, cast(Renderer, replay), segmenter)[1])
-        assert not replay.results, "The trim took another way than the recorded one."
-    return {"pixels": case.config.plan.size, "calls": len(recorder.results), **medians(stages)}
-
-
 def _timed_trim(
-    scene: Gaussians, selection: BoolArray, config: TrimConfig, renderer: Renderer, segmenter: Segmenter
+    scene: Gaussians, selection: BoolArray, config: TrimConfig, segmenter: Segmenter
 ) -> tuple[TrimResult, dict[str, float]]:
     """A trim, and its seconds by stage and in all."""
     start = time.perf_counter()
-    result = trim(scene, selection, config=config, renderer=renderer, segmenter=segmenter)
+    result = trim(scene, selection, config=config, segmenter=segmenter)
     return result, {**result.seconds, "trim": time.perf_counter() - start}
-
-
-class Recorder:
-    """A renderer that keeps what it returns, or gives again what another one has kept, in the same order."""
-
-    def __init__(self, renderer: Renderer) -> None:
-        self.name, self.thread_safe, self._renderer, self._replay = renderer.name, False, renderer, False
-        self.results: list[tuple[str, Any]] = []
-
-    def replayed(self) -> Recorder:
-        """A renderer that returns these results without rendering."""
-        other = Recorder(self._renderer)
-        other.results, other._replay = self.results[::-1], True
-        return other
-
-    def __getattr__(self, method: str) -> Callable[..., Any]:
-        def call(*arguments: Any, **options: Any) -> Any:
-            if not self._replay:
-                self.results.append((method, getattr(self._renderer, method)(*arguments, **options)))
-                return self.results[-1][1]
-            recorded, result = self.results.pop()
-            assert recorded == method, "The trim took another way than the recorded one."
-            return result
-
-        return call
 
 
 def _segmenter(case: Case) -> Segmenter:
@@ -152,14 +112,13 @@ def _segmenter(case: Case) -> Segmenter:
 
 
 def measure_kernel(runs: int) -> Record:
-    """Milliseconds of the CPU renderer's steps on a random view, medians; run in a process of its own."""
+    """Milliseconds of the steps of drawing a random view, medians; run in a process of its own."""
     gaussians, camera, pairs = kernel_view()
     labels = (np.arange(KERNEL_SIZE**2).reshape(KERNEL_SIZE, -1) // 100 % 2).astype(np.uint8)
-    renderer = NumbaRenderer()
     steps: dict[str, Callable[[], Any]] = {
         "project_ms": lambda: project_view(gaussians, camera),
-        "colour_ms": lambda: renderer.render(gaussians, camera),
-        "weights_ms": lambda: renderer.blend_weights(gaussians, camera, labels, 2),
+        "colour_ms": lambda: render(gaussians, camera),
+        "weights_ms": lambda: blend_weights(gaussians, camera, labels, 2),
     }
     record: Record = {"pairs": pairs}
     for name, step in steps.items():
@@ -176,7 +135,7 @@ def run_command(case: Case, folder: Path, environment: Mapping[str, str] | None 
     with tempfile.TemporaryDirectory(dir=folder) as output:
         command = [sys.executable, "-m", "gaussian_trimmer", "trim", str(case.scene), str(case.selection)]
         command += ["--output", f"{output}/trimmed", "--quiet"]
-        command += ["--renderer", case.renderer, "--plan.size", str(case.config.plan.size)]
+        command += ["--plan.size", str(case.config.plan.size)]
         command += ["--segmenter", case.segmenter]
         if case.sam2_model:
             command += ["--sam2.model", case.sam2_model]

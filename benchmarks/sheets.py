@@ -26,7 +26,6 @@ from gaussian_trimmer.evaluation.results import cut_by, read_result
 from gaussian_trimmer.evaluation.scoring import Cut, Judge, ObjectRender
 from gaussian_trimmer.gaussians import FloatArray
 from gaussian_trimmer.output.pictures import Picture, as_picture, captioned, write_picture
-from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.views.view import HALF, Box, bounding_box
 
 CELL = 280
@@ -80,7 +79,7 @@ class Sheet:
         return [cameras[i * len(cameras) // n] for i in range(n)]
 
     def _row(self, camera: Camera, cuts: Mapping[str, Cut]) -> Picture:
-        view, judge = None, Judge(get_renderer("auto"))
+        view, judge = None, Judge()
         if self.masks is not None:
             _, views = views_in([camera], self.masks, self.images)
             view = next(views)

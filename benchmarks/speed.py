@@ -1,7 +1,7 @@
 """What do people wait for, and where does a trim spend its time?
 
     python benchmarks/speed.py [--against COMMIT] [--data ROOT --objects NAME ...] [--runs 5] [--first-run]
-    python benchmarks/speed.py --sections stages kernel threads host [--scene SCENE.ply --selection FILE]
+    python benchmarks/speed.py --sections stages kernel threads [--scene SCENE.ply --selection FILE]
     python benchmarks/speed.py --sections captures --capture FILE --at X Y Z --reach R --up X Y Z [--against COMMIT]
 
 Whatever is measured runs in a process of its own, one after another, so that nothing is inherited: neither compiled
@@ -24,7 +24,7 @@ import numpy as np
 import tyro
 import waits
 import whole_captures
-from measures import Case, Record, cuda_device, in_new_process, measure_host, measure_kernel, measure_trim, run_command
+from measures import Case, Record, cuda_device, in_new_process, measure_kernel, measure_trim, run_command
 from rich.console import Console
 from rich.table import Table
 from synthetic_scenes import tiled
@@ -32,12 +32,11 @@ from tyro.conf import arg
 
 from gaussian_trimmer import formats, sample
 from gaussian_trimmer.masks import DEFAULT_SEGMENTER, SEGMENTERS
-from gaussian_trimmer.rendering import RENDERER_CHOICES
 from gaussian_trimmer.selection_files import load_selection
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.views.virtual_cameras import PlanConfig
 
-Section = Literal["waits", "captures", "stages", "kernel", "threads", "sizes", "host"]
+Section = Literal["waits", "captures", "stages", "kernel", "threads", "sizes"]
 
 
 @dataclass(frozen=True)
@@ -75,8 +74,6 @@ class Arguments:
     """`sizes`: numbers of Gaussians of enlarged scenes."""
     pixels: tuple[int, ...] = (PlanConfig.size,)
     """Other sections: widths of the views."""
-    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = "numba"
-    """`captures`, other sections: what renders the views; `kernel` is always the CPU renderer's."""
     segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
     """Other sections: what segments the views."""
     sam2_model: str = ""
@@ -108,9 +105,7 @@ def waits_section(arguments: Arguments) -> list[Record]:
 def captures_section(arguments: Arguments) -> list[Record]:
     up = arguments.up or (0.0, 0.0, 1.0)
     thing = arguments.capture, arguments.at, arguments.reach, up
-    return _told_one_by_one(
-        whole_captures.measure(*thing, arguments.renderer, arguments.copies, arguments.runs, arguments.against)
-    )
+    return _told_one_by_one(whole_captures.measure(*thing, arguments.copies, arguments.runs, arguments.against))
 
 
 def stages_section(arguments: Arguments) -> list[Record]:
@@ -145,10 +140,6 @@ def sizes_section(arguments: Arguments) -> list[Record]:
     return records
 
 
-def host_section(arguments: Arguments) -> list[Record]:
-    return [in_new_process(measure_host, case) for case in _cases(arguments)]
-
-
 SECTIONS: dict[str, Callable[[Arguments], list[Record]]] = {
     "waits": waits_section,
     "captures": captures_section,
@@ -156,7 +147,6 @@ SECTIONS: dict[str, Callable[[Arguments], list[Record]]] = {
     "kernel": kernel_section,
     "threads": threads_section,
     "sizes": sizes_section,
-    "host": host_section,
 }
 
 
@@ -167,7 +157,6 @@ def _cases(arguments: Arguments) -> list[Case]:
             arguments.scene.absolute(),
             arguments.selection.absolute(),
             TrimConfig(up=arguments.up, plan=PlanConfig(size=pixels)),
-            arguments.renderer,
             arguments.segmenter,
             arguments.sam2_model,
             arguments.runs,
@@ -196,7 +185,7 @@ def _told_one_by_one(measured: Iterable[Record]) -> list[Record]:
 
 
 def _machine() -> Record:
-    installed = {name: _version(name) for name in ("numpy", "numba", "torch", "gsplat", "transformers")}
+    installed = {name: _version(name) for name in ("numpy", "numba", "torch", "transformers")}
     return {
         "platform": platform.platform(),
         "cores": os.cpu_count(),

@@ -6,7 +6,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.rendering.numba_cpu import project_view
+from gaussian_trimmer.rendering.tile_renderer import project_view
 
 KERNEL_GAUSSIANS = 50_000
 KERNEL_PAIRS = 271_000

@@ -47,8 +47,6 @@ class Wait:
     reach: float
     """Half its size, in scene units."""
     up: tuple[float, float, float]
-    renderer: str
-    """What renders the views, by name."""
     found: str
     """Where the labels of found objects are kept between the processes."""
 
@@ -82,7 +80,7 @@ def read(wait: Wait) -> dict[str, float]:
 def click(wait: Wait) -> dict[str, float]:
     scene = gt.read(wait.scene)
     mark = gt.marks.Click(_WIDTH // 2, _HEIGHT // 2, wait.view())
-    return _measured(lambda: gt.select(scene, [mark], up=wait.up, renderer=wait.renderer), warm_runs=3)
+    return _measured(lambda: gt.select(scene, [mark], up=wait.up), warm_runs=3)
 
 
 def box(wait: Wait) -> dict[str, float]:
@@ -90,7 +88,7 @@ def box(wait: Wait) -> dict[str, float]:
     half = int(0.5 * _HEIGHT / np.tan(_FIELD_OF_VIEW / 2) / _STAND_OFF)
     x, y = _WIDTH // 2, _HEIGHT // 2
     mark = gt.marks.Box(x - half, y - half, x + half, y + half, wait.view())
-    return _measured(lambda: gt.select(scene, [mark], up=wait.up, renderer=wait.renderer), warm_runs=3)
+    return _measured(lambda: gt.select(scene, [mark], up=wait.up), warm_runs=3)
 
 
 def _near(scene: Any, wait: Wait, reach: float) -> Any:
@@ -101,7 +99,7 @@ def trim(wait: Wait) -> dict[str, float]:
     """A warm trim of a ball around the thing."""
     scene = gt.read(wait.scene)
     selection = _near(scene, wait, wait.reach)
-    return _measured(lambda: gt.trim(scene, selection, up=wait.up, renderer=wait.renderer), warm_runs=3)
+    return _measured(lambda: gt.trim(scene, selection, up=wait.up), warm_runs=3)
 
 
 def trim_in_surroundings(wait: Wait) -> dict[str, float]:
@@ -109,12 +107,12 @@ def trim_in_surroundings(wait: Wait) -> dict[str, float]:
     whole = gt.read(wait.scene)
     scene = whole.select(np.flatnonzero(_near(whole, wait, _SMALL_REACH * wait.reach)))
     selection = _near(scene, wait, wait.reach)
-    return _measured(lambda: gt.trim(scene, selection, up=wait.up, renderer=wait.renderer), warm_runs=3)
+    return _measured(lambda: gt.trim(scene, selection, up=wait.up), warm_runs=3)
 
 
 def objects(wait: Wait) -> dict[str, float]:
     scene, found = gt.read(wait.scene), []
-    figures = _measured(lambda: found.append(gt.find_objects(scene, up=wait.up, renderer=wait.renderer)))
+    figures = _measured(lambda: found.append(gt.find_objects(scene, up=wait.up)))
     if not Path(wait.found).exists():
         chosen = [each.id for each in found[0].objects if each.kind == "object"][:_OBJECTS_REMOVED]
         np.save(wait.found, np.where(np.isin(found[0].labels, chosen), found[0].labels, 0))
@@ -125,7 +123,7 @@ def empty(wait: Wait) -> dict[str, float]:
     """Trim found objects together and fill one background in which all of them are gone."""
     scene, labels = gt.read(wait.scene), np.load(wait.found)
     selections = {str(number): labels == number for number in np.unique(labels[labels > 0])}
-    return _measured(lambda: gt.trim_objects(scene, selections, up=wait.up, renderer=wait.renderer))
+    return _measured(lambda: gt.trim_objects(scene, selections, up=wait.up))
 
 
 TASKS: dict[str, Callable[[Wait], dict[str, float]]] = {
@@ -144,7 +142,6 @@ def measure(
     at: tuple[float, float, float],
     reach: float,
     up: tuple[float, float, float],
-    renderer: str,
     sizes: tuple[int, ...],
     runs: int,
     against: str,
@@ -162,7 +159,7 @@ def measure(
             for task in TASKS:
                 if task in _ONCE and number:
                     continue
-                wait = Wait(task, str(made), at, reach, up, renderer, f"{folder}/found.npy")
+                wait = Wait(task, str(made), at, reach, up, f"{folder}/found.npy")
                 figures: dict[str, list[dict[str, float]]] = {version: [] for version in versions}
                 for _ in range(1 if task in _ONCE else runs):
                     for version in reversed(versions):

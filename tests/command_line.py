@@ -8,7 +8,7 @@ import toy
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.cli import main
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import blend_values
 from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
 SMALL = ["--plan.size", "160", "--refine", "off"]
@@ -33,7 +33,7 @@ def save_ball(folder):
     (folder / "cameras.json").write_text(json.dumps({"up": [0, 0, 1], "frames": frames}))
     (folder / "masks").mkdir()
     for i, camera in enumerate(cameras[:4]):
-        share = get_renderer("numba").blend_values(scene, camera, truth[:, None].astype(np.float32))[..., 0]
+        share = blend_values(scene, camera, truth[:, None].astype(np.float32))[..., 0]
         assert cv2.imwrite(str(folder / "masks" / f"{i}.png"), (255 * share).astype(np.uint8))
     return scene, truth
 

@@ -7,7 +7,7 @@ import numpy as np
 import toy
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import blend_values, render
 from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
 SIZE = 96
@@ -28,9 +28,9 @@ def save_capture(folder, names, selection_name="selection.npy"):
         np.save(folder / selection_name, toy.dilated(scene, truth))
     masks, pictures = {}, {}
     for name, camera in zip(names, cameras, strict=True):
-        share = get_renderer("numba").blend_values(scene, camera, truth[:, None].astype(np.float32))[..., 0]
+        share = blend_values(scene, camera, truth[:, None].astype(np.float32))[..., 0]
         masks[name] = np.where(share > 0.5, np.uint8(255), np.uint8(0))
-        pictures[name] = (255 * np.clip(get_renderer("numba").render(scene, camera).rgb[..., ::-1], 0, 1)).astype("u1")
+        pictures[name] = (255 * np.clip(render(scene, camera).rgb[..., ::-1], 0, 1)).astype("u1")
     return masks, pictures
 
 

@@ -10,17 +10,16 @@ import numpy as np
 
 
 def drawing():
-    """The renderer's kernels."""
+    """The kernels that draw."""
     import toy
 
-    from gaussian_trimmer.rendering import get_renderer
+    from gaussian_trimmer.rendering import render, top_contributors
     from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
     scene, _ = toy.ball_on_floor()
     (camera, *_), _ = plan_cameras(scene, toy.UP, PlanConfig(size=64))
-    renderer = get_renderer("numba")
-    renderer.render(scene, camera, weights=True)
-    renderer.top_contributors(scene, camera, np.zeros((1, 2), np.int64), 4)
+    render(scene, camera, weights=True)
+    top_contributors(scene, camera, np.zeros((1, 2), np.int64), 4)
 
 
 def searching():

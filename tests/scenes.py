@@ -1,4 +1,4 @@
-"""Random scenes and cameras for the tests of renderers."""
+"""Random scenes and cameras for the tests of drawing."""
 
 import numpy as np
 
@@ -31,7 +31,7 @@ def gaussian(mean=(0, 0, 1), scale=0.1, quaternion=(1, 0, 0, 0), opacity=0.5, co
 
 
 def random_scene(seed, n=160, sh_degree=3):
-    """Gaussians of every kind that renderers get wrong, in random order, mostly before `front_camera`.
+    """Gaussians of every kind that are easily drawn wrong, in random order, mostly before `front_camera`.
 
     The kinds, in turn: blobs, needles of aspect 1 : 100, crossers of the near plane, nearly opaque and nearly
     transparent ones, ones behind the camera, ones outside the image that may reach into it, pairs of equal depth, and

@@ -20,7 +20,6 @@ from gaussian_trimmer.commands.scene_inputs import SceneInputs
 from gaussian_trimmer.commands.trim import Trim
 from gaussian_trimmer.commands.trim_run import ResultOptions
 from gaussian_trimmer.output.saving import result_files
-from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.trimming.arguments import mask_of_selection
 from gaussian_trimmer.trimming.config import SplitConfig
@@ -102,7 +101,7 @@ def test_everything_after_the_selection_is_given_by_name():
 
 def test_python_and_the_command_line_have_the_same_defaults():
     defaults = {name: p.default for name, p in inspect.signature(gt.trim_objects).parameters.items()}
-    assert (defaults["renderer"], defaults["segmenter"]) == (TrimOptions().renderer, TrimOptions().segmenter)
+    assert defaults["segmenter"] == TrimOptions().segmenter
 
 
 def test_views_and_up_need_no_nested_settings(result):
@@ -397,23 +396,6 @@ def test_saving_replaces_only_what_it_may(result, tmp_path):
     with pytest.raises(gt.InputError, match="Unknown format 'obj'; available: ply"):
         result.save(tmp_path / "other", format="obj")
     assert not (tmp_path / "other").exists()
-
-
-def test_saving_draws_with_the_renderer_of_the_trim(tmp_path):
-    class Counting(NumbaRenderer):
-        name = "counting"
-        calls = 0
-
-        def render(self, *arguments, **options):
-            self.calls += 1
-            return super().render(*arguments, **options)
-
-    renderer = Counting()
-    result = gt.trim(SCENE, ROUGH, config=CONFIG, renderer=renderer, views=2)
-    before = renderer.calls
-    result.save(tmp_path / "trimmed")
-    assert renderer.calls > before
-    assert result.report["renderer"] == "counting"
 
 
 def test_a_segmenter_describes_itself_in_the_report():

@@ -379,7 +379,7 @@ def test_what_is_doubtful_is_looked_at_one_after_the_other(app):
         assert "has not been cut out" in app.panels.status_text and not looked
         mark(app, BALL)
         act(app.cut_out)
-        found = doubts(app.session.now.object.fresh, app.session.document.renderer)
+        found = doubts(app.session.now.object.fresh)
         for _ in range(len(found) + 1):
             act(app.look_at_doubt, view)
             said.append(app.panels.status_text)

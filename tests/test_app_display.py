@@ -19,7 +19,6 @@ from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import write
 from gaussian_trimmer.gaussians import quaternions_of
-from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.interpretation import SelectionState
 from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Sphere
 from gaussian_trimmer.trimming.config import SplitConfig, TrimConfig
@@ -99,7 +98,7 @@ def test_split_parts_and_filled_gaussians_are_shown():
     result = trim(scene, truth, config=TrimConfig(split=SplitConfig("plane")), up="z")
     n_split = result.count(RowLabel.SPLIT_OUTSIDE)
     assert n_split > 0
-    document = Document(Path("a.ply"), None, scene, None, get_renderer("numba"))
+    document = Document(Path("a.ply"), None, scene, None)
     first = Snapshot.first(document, document.find_up((0.0, 0.0, 1.0)))
     selected, cut = SelectionState(truth, np.zeros_like(truth)), Cut(CutState.FRESH, result)
     now = first.with_object(replace(first.object, selected=selected, cut=cut), "cut out")
@@ -236,7 +235,7 @@ def test_points_lie_on_the_surface_and_are_nan_in_the_void():
     scene, _ = toy.ball_on_floor(n_floaters=0)
     frame = Frame.around(scene.means)
     view = browser(frame)
-    on_ball, void = points_at(scene, view, [(0.5, 0.5), (0.5, 0.0)], get_renderer("numba"))
+    on_ball, void = points_at(scene, view, [(0.5, 0.5), (0.5, 0.0)])
     assert np.linalg.norm(np.array(on_ball) - toy.CENTRE) == pytest.approx(toy.RADIUS, abs=0.12)
     assert on_ball[1] < 0
     assert np.isnan(void).all()
@@ -251,10 +250,10 @@ def test_with_the_object_alone_a_click_means_the_object_and_not_what_is_hidden_b
     before = now.object.n_selected
     with pytest.raises(InputError, match="not selected"):
         session.do(edits.mark, Click(80, 88, view, "remove"))  # meets the floor
-    past = before_what_shows(shown, view, [(0.5, 0.55)], get_renderer("numba"))
+    past = before_what_shows(shown, view, [(0.5, 0.55)])
     session.do(edits.mark, Click(80, 88, past, "remove"))
     assert session.now.object.n_selected < before
     with pytest.raises(InputError, match="Nothing that is shown"):
-        before_what_shows(shown, view, [(0.0, 0.0)], get_renderer("numba"))
+        before_what_shows(shown, view, [(0.0, 0.0)])
     for _ in range(3):
         session.undo()

@@ -11,7 +11,6 @@ import toy
 from gaussian_trimmer.app.page import Action, Control, Gesture, Page
 from gaussian_trimmer.cameras import Camera, Viewpoint, look_at
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.marks import Stroke
 from gaussian_trimmer.selecting.strokes import drawn_over, in_spheres, under_stroke
 
@@ -120,7 +119,7 @@ def test_masks_of_lines_and_outlines():
 
 
 def under(scene, stroke, *, through=False, by_centres=False):
-    return under_stroke(scene, stroke, through=through, by_centres=by_centres, renderer=get_renderer("numba"))
+    return under_stroke(scene, stroke, through=through, by_centres=by_centres)
 
 
 @pytest.mark.parametrize("by_centres", [False, True])
@@ -140,16 +139,16 @@ def test_the_sphere_takes_what_is_near_the_surface_and_nothing_behind_its_edge()
     x, z = (grid.ravel() for grid in np.meshgrid(np.linspace(-2, 2, 81), np.linspace(-1, 3, 81)))
     front, back = np.stack([x, 0 * x, z], 1)[x < 0], np.stack([x, 3 + 0 * x, z], 1)
     scene = toy.gaussians(np.concatenate([front, back]), (0.05, 0.02, 0.05), toy.RED)
-    near, renderer = np.arange(len(scene)) < len(front), get_renderer("numba")
+    near = np.arange(len(scene)) < len(front)
     stroke = Stroke(viewpoint(), ((0.49, 0.5),), 4.0)  # its ring reaches over the edge
-    taken = in_spheres(scene, stroke, renderer)
+    taken = in_spheres(scene, stroke)
     assert under(scene, stroke)[~near].any() and not taken[~near].any()
     middle = np.array([-0.04, 0.0, 0.96])  # of the pixel
     distances = np.linalg.norm(scene.means - middle, axis=1)
     assert taken[distances < 0.28].all() and not taken[distances > 0.45].any()
-    longer = in_spheres(scene, replace(stroke, places=((0.49, 0.5), (0.3, 0.5))), renderer)
+    longer = in_spheres(scene, replace(stroke, places=((0.49, 0.5), (0.3, 0.5))))
     assert (longer & taken).sum() == taken.sum() < longer.sum()
-    assert not in_spheres(scene, replace(stroke, places=((0.5, 0.01),)), renderer).any()
+    assert not in_spheres(scene, replace(stroke, places=((0.5, 0.01),))).any()
 
 
 def test_by_footprint_a_gaussian_is_taken_where_it_shows():

@@ -12,7 +12,6 @@ import pytest
 import gaussian_trimmer
 from gaussian_trimmer.lazy_import import load
 from gaussian_trimmer.masks import DEFAULT_SEGMENTER, PAPER_SEGMENTER, SEGMENTERS
-from gaussian_trimmer.rendering import RENDERERS
 
 PACKAGE = Path(gaussian_trimmer.__file__).parent
 FILES = ("formats", "camera_files", "selection_files")
@@ -51,7 +50,7 @@ EXCEPTIONS = {
 
 NAME = re.compile(r"gaussian_trimmer(\.\w+)+(:\w+|\.)?")
 """A name as `lazy_import.load` takes it, or the beginning of one."""
-HEAVY = ("torch", "transformers", "onnxruntime", "gsplat", "viser", "ray")
+HEAVY = ("torch", "transformers", "onnxruntime", "viser", "ray")
 """Packages that take seconds to import or are not installed with the package itself."""
 HEAVY_FILES: dict[str, str] = {}
 """Files that may import one of these when they are loaded, because they are loaded late themselves."""
@@ -171,6 +170,6 @@ def test_heavy_packages_are_imported_late(trees: dict[Path, ast.Module]) -> None
 
 
 def test_names_in_tables_are_those_of_the_classes() -> None:
-    for name, what in (RENDERERS | SEGMENTERS).items():
+    for name, what in SEGMENTERS.items():
         assert load(what).name == name
     assert {DEFAULT_SEGMENTER, PAPER_SEGMENTER} <= SEGMENTERS.keys()

@@ -90,7 +90,6 @@ def test_cut_out_of_another_scene(ball, tmp_path, capsys):
     ("options", "said"),
     [
         (["--segmenter", "sam9"], "available: silhouette"),
-        (["--renderer", "opengl"], "available: auto"),
         (["--segmenter", "mask-files"], "--mask-files.folder"),
         (["--segmenter", "mask-files", "--mask-files.folder", "masks"], "--cameras"),
         (["--cameras", "nowhere"], "nowhere"),

@@ -53,7 +53,6 @@ def test_paths_may_be_paths():
         ([Item("a.xyz")], "xyz"),
         ([Item("a.ply", format="xyz")], "xyz"),
         ([Item("a.ply", segmenter="sam9")], "sam9"),
-        ([Item("a.ply", renderer="gspalt")], "gspalt"),
         ([Item("a.ply", segmenter_options=GrabCutConfig())], "GrabCutConfig"),
         ([Item("a.ply", config=TrimConfig(context_radius=-1.0))], "context-radius is -1"),
     ],

@@ -20,7 +20,7 @@ from gaussian_trimmer.commands.evaluate import RuleOptions
 from gaussian_trimmer.commands.tables import TableOptions
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.runs import Run, Variant, measure
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import blend_values
 
 
 @pytest.fixture
@@ -130,9 +130,9 @@ def test_variants_are_what_their_names_say():
 def test_baselines_lift_masks_as_their_methods_do():
     scene, truth = toy.ball_on_floor()
     cameras = [toy.camera_at((5, 0, 3)), toy.camera_at((0, -5, 2)), toy.camera_at((-4, 3, 3))]
-    renderer, values = get_renderer("numba"), truth[:, None].astype(np.float32)
-    masks = [renderer.blend_values(scene, camera, values)[..., 0] > 0.5 for camera in cameras]
-    lifted = {name: method(Lifting(scene, cameras, masks, renderer)) for name, method in METHODS.items()}
+    values = truth[:, None].astype(np.float32)
+    masks = [blend_values(scene, camera, values)[..., 0] > 0.5 for camera in cameras]
+    lifted = {name: method(Lifting(scene, cameras, masks)) for name, method in METHODS.items()}
     for name in ("FlashSplat", "SAGD"):
         assert lifted[name][0] is scene and toy.jaccard(lifted[name][1], truth) > 0.7
     votes, (shortened, selection) = lifted["SAGD"][1], lifted["SAGD, mended"]

@@ -16,7 +16,7 @@ from command_line import SMALL, run
 from gaussian_trimmer import __version__, cli, formats
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.io.writing import atomic_folder
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.clock import LOG
 from gaussian_trimmer.trimming.config import TrimConfig, paper_config
 
@@ -74,7 +74,7 @@ def test_options_of_all_stages_reach_the_trimmer(ball, tmp_path):
     folder, _, _ = ball
     command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, *SMALL, "--quiet"]
     command += ["--up", 0, -0.1, 1, "--views", 3, "--segmenter", "grabcut", "--grabcut.iterations", 1]
-    command += ["--split.rule", "none", "--evidence.no-recover", "--renderer", "numba", "--format", "splat"]
+    command += ["--split.rule", "none", "--evidence.no-recover", "--format", "splat"]
     assert run(*command) == 0
     report = report_of(tmp_path)
     assert report["configuration"]["split"]["rule"] == "none"
@@ -545,7 +545,7 @@ def test_photographs_take_the_place_of_virtual_views(ball, tmp_path):
     folder, scene, _ = ball
     (tmp_path / "photos").mkdir()
     for camera in read_camera_set(folder / "cameras.json").cameras[:4]:
-        rgb = np.clip(get_renderer("numba").render(scene, camera).rgb, 0, 1)
+        rgb = np.clip(render(scene, camera).rgb, 0, 1)
         assert cv2.imwrite(str(tmp_path / "photos" / camera.name), np.round(255 * rgb[..., ::-1]).astype(np.uint8))
     command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path / "out", "--quiet", *SMALL]
     command += ["--cameras", folder / "cameras.json", "--photos", tmp_path / "photos", "--segmenter", "grabcut"]

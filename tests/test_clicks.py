@@ -17,7 +17,7 @@ from gaussian_trimmer.evaluation.metrics import foreground_iou
 from gaussian_trimmer.gaussians import Gaussians, concatenate
 from gaussian_trimmer.geometry.bounds import robust_bounds
 from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import blend_values, render
 from gaussian_trimmer.selecting.clicks import (
     NothingFoundError,
     select_around_click,
@@ -34,8 +34,6 @@ from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views.view import bounding_box
 
-RENDERER = get_renderer("numba")
-
 
 @pytest.fixture(scope="module")
 def ball():
@@ -48,11 +46,11 @@ def pixel_of(camera, point):
 
 
 def click_on(point, camera, scene, up=toy.UP):
-    return select_by_click(ViewedScene(scene, camera, up, RENDERER), *pixel_of(camera, point))
+    return select_by_click(ViewedScene(scene, camera, up), *pixel_of(camera, point))
 
 
 def box_in(scene, camera, box):
-    return select_by_box(ViewedScene(scene, camera, toy.UP, RENDERER), box)
+    return select_by_box(ViewedScene(scene, camera, toy.UP), box)
 
 
 @pytest.mark.parametrize("position", [(5, 0, 3), (0, -7, 4)])
@@ -71,7 +69,7 @@ def test_large_pictures_and_units_change_nothing(ball):
     pose[:3, :3] = pose[:3, :3] @ turned.T
     pose[:3, 3] *= scale
     moved, view = toy.moved(scene, turned, scale), replace(camera, world_to_camera=pose)
-    pick = select_by_click(ViewedScene(moved, view, turned @ toy.UP, RENDERER), *pixel_of(camera, toy.CENTRE))
+    pick = select_by_click(ViewedScene(moved, view, turned @ toy.UP), *pixel_of(camera, toy.CENTRE))
     assert toy.jaccard(pick.selection, truth) > 0.9
 
 
@@ -155,7 +153,7 @@ def test_box_finds_the_thing_that_fills_it():
     scene, first, second = two_balls()
     camera = toy.camera_at((6, 1, 4), (0, 1.3, 1))
     for truth in (first, second):
-        shown = RENDERER.blend_values(scene, camera, truth.astype(np.float32)[:, None])[..., 0] > 0.5
+        shown = blend_values(scene, camera, truth.astype(np.float32)[:, None])[..., 0] > 0.5
         pick = box_in(scene, camera, bounding_box(shown))
         assert pick.kind == "piece"
         assert toy.jaccard(pick.selection, truth) > 0.9
@@ -172,14 +170,14 @@ def patch_on_wall():
 def test_where_nothing_stands_a_box_means_a_part_and_a_click_asks_for_one():
     scene, red = patch_on_wall()
     camera = toy.camera_at((6, 0, 0.5), (0, 0, 0))
-    shown = RENDERER.blend_values(scene, camera, red.astype(np.float32)[:, None])[..., 0] > 0.5
+    shown = blend_values(scene, camera, red.astype(np.float32)[:, None])[..., 0] > 0.5
     pick = box_in(scene, camera, bounding_box(shown, 1))
     assert pick.kind == "part"
     assert toy.jaccard(pick.selection, red) > 0.8
     with pytest.raises(NothingFoundError):
         click_on((0, 0.1, 0.1), camera, scene)
     near = toy.camera_at((3, 0, 0.2), (0, 0, 0))  # the wall goes on beyond the picture
-    picked = select_around_click(ViewedScene(scene, near, toy.UP, RENDERER), 100, 100)
+    picked = select_around_click(ViewedScene(scene, near, toy.UP), 100, 100)
     assert picked.kind == "around"
     assert toy.jaccard(picked.selection, red) > 0.8
     selected = select(scene, [Click(100, 100, near)], up=toy.UP)  # and is never refused
@@ -197,7 +195,7 @@ def test_what_is_seen_alone_is_what_a_click_means_where_nothing_stands():
     pick = click_on((0.9, 0, 1.3), camera, ball)
     assert pick.kind == "alone"
     assert toy.jaccard(pick.selection, np.linalg.norm(ball.means - toy.CENTRE, axis=1) < 1.5) > 0.95
-    near = select_around_click(ViewedScene(ball, toy.camera_at((1.6, 0, 1)), toy.UP, RENDERER), 100, 100).selection
+    near = select_around_click(ViewedScene(ball, toy.camera_at((1.6, 0, 1)), toy.UP), 100, 100).selection
     assert 0 < near.sum() < 0.7 * pick.selection.sum()
 
 
@@ -242,7 +240,7 @@ def test_nearer_surface_comes_first():
 @pytest.mark.parametrize("pixel", [(-1, 5), (5, 200)])
 def test_pixels_outside_the_picture(ball, pixel):
     with pytest.raises(InputError, match="outside the view of 200 x 200"):
-        select_by_click(ViewedScene(ball[0], toy.camera_at((5, 0, 3)), toy.UP, RENDERER), *pixel)
+        select_by_click(ViewedScene(ball[0], toy.camera_at((5, 0, 3)), toy.UP), *pixel)
 
 
 @pytest.mark.parametrize("box", [(5, 5, 5, 9), (200, 0, 220, 5)])
@@ -254,7 +252,7 @@ def test_impossible_boxes(ball, box):
 def test_where_nothing_is_seen(ball):
     away = toy.camera_at((40, 0, 60), (80, 0, 120))
     with pytest.raises(InputError, match="Nothing is seen at the pixel"):
-        select_by_click(ViewedScene(ball[0], away, toy.UP, RENDERER), 100, 100)
+        select_by_click(ViewedScene(ball[0], away, toy.UP), 100, 100)
     with pytest.raises(InputError, match="Nothing is seen in the box"):
         box_in(ball[0], away, (50, 50, 150, 150))
 
@@ -308,7 +306,7 @@ def test_a_small_tolerance_stays_within_a_thing_of_a_trained_scene(name, view):
     mask = (scene.coverage(name, camera.name) > 0.5).astype(np.uint8)
     depth = cv2.distanceTransform(mask, cv2.DIST_L2, 5)
     y, x = np.unravel_index(np.argmax(depth), depth.shape)
-    looked_at = ViewedScene(scene.gaussians, camera, scene.up, RENDERER)
+    looked_at = ViewedScene(scene.gaussians, camera, scene.up)
     small, larger = (select_by_colour(looked_at, int(x), int(y), tolerance).selection for tolerance in (0.06, 0.1))
     thing = scene.coarse(name, "exact")
     assert thing[larger].mean() > 0.9
@@ -328,12 +326,12 @@ def test_benchmark_click_then_trim(where, name, view):
     mask = np.pad(scene.coverage(name, view) > 0.5, 1).astype(np.uint8)
     depth = cv2.distanceTransform(mask, cv2.DIST_L2, 5)[1:-1, 1:-1]
     y, x = np.unravel_index(np.argmax(depth), depth.shape)
-    pick = select_by_click(ViewedScene(scene.gaussians, camera, scene.up, RENDERER), int(x), int(y))
+    pick = select_by_click(ViewedScene(scene.gaussians, camera, scene.up), int(x), int(y))
     kept = tuple(camera for camera, train in zip(cameras.cameras, cameras.train, strict=True) if train)
     training = replace(cameras, cameras=kept, train=(True,) * len(kept))
     result = trim(scene.gaussians, pick.selection, config=TrimConfig(up=(0, 0, 1)), cameras=training)
     overlaps = [
-        foreground_iou(RENDERER.render(result.object, test.camera).alpha, test.alone.coverage, test.alone.counted)
+        foreground_iou(render(result.object, test.camera).alpha, test.alone.coverage, test.alone.counted)
         for test in scene.test_views(name)
         if not test.far
     ]

@@ -15,7 +15,7 @@ from gaussian_trimmer.commands.scene_inputs import SceneInputs
 from gaussian_trimmer.formats import ply
 from gaussian_trimmer.output.engines import ENGINES, placement_for, rotation_between, turned
 from gaussian_trimmer.output.hull import convex_hull
-from gaussian_trimmer.rendering.reference import ReferenceRenderer
+from gaussian_trimmer.rendering import render
 
 
 @pytest.fixture(scope="module")
@@ -29,9 +29,8 @@ def test_turned_gaussians_look_the_same_from_a_turned_camera():
     scene, camera, rotation = random_scene(0), front_camera(), toy.any_rotation(3)
     pose = camera.world_to_camera.copy()
     pose[:3, :3] = pose[:3, :3] @ rotation.T
-    renderer = ReferenceRenderer()
-    before = renderer.render(scene, camera).rgb
-    after = renderer.render(turned(scene, rotation), dataclasses.replace(camera, world_to_camera=pose)).rgb
+    before = render(scene, camera).rgb
+    after = render(turned(scene, rotation), dataclasses.replace(camera, world_to_camera=pose)).rgb
     assert before.std() > 0.05
     np.testing.assert_allclose(after, before, atol=1e-4)
 

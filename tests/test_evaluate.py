@@ -33,7 +33,7 @@ def test_a_trim_is_compared_with_what_it_began_with(folder, capsys):
     assert run("trim", "scene.ply", "rough.npy", "--output", "t", *more) == 0
     assert evaluate("t", "--output", "out") == 0
     printed = capsys.readouterr().out
-    assert "| mean" in printed and " -> " in printed and "alpha > 0.5" in printed and "renderer: numba" in printed
+    assert "| mean" in printed and " -> " in printed and "alpha > 0.5" in printed
     names = {path.name for path in (folder / "out").iterdir()}
     assert names == {"scores.md", "scores.csv", "scores.json", "scores.tex", "settings.json", "manifest.json"}
     rows = rows_of(folder / "out" / "scores.csv")
@@ -80,7 +80,6 @@ def test_an_object_of_no_known_rows_is_measured_alone(folder, capsys):
         (["masks"], "did not write the folder"),
         (["object.ply", "--images", "nowhere"], "nowhere"),
         (["object.ply", "--output", "masks"], "not empty"),
-        (["object.ply", "--renderer", "gspalt"], "gspalt"),
     ],
 )
 def test_what_cannot_be_used_is_one_sentence(folder, capsys, arguments, message):

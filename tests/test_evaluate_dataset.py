@@ -21,7 +21,6 @@ from gaussian_trimmer.evaluation.layouts import DatasetTask, MaskedPicture
 from gaussian_trimmer.evaluation.protocols import OWN_RULES, PROTOCOLS, protocol_of
 from gaussian_trimmer.evaluation.rendered_masks import find_rendered
 from gaussian_trimmer.evaluation.scoring import Judge, ObjectRender
-from gaussian_trimmer.rendering import get_renderer
 
 
 def rows_of(path):
@@ -40,7 +39,7 @@ def test_nvos_in_one_command(folder, capsys):
     assert run("evaluate", "nvos", "nvos", "--predictions", "SAGA", "--output", "out", *SMALL) == 0
     printed = capsys.readouterr().out
     assert "NVOS with and without trimming" in printed and "occlusion counts" in printed
-    assert "3 tasks, where NVOS has 8" in printed and "renderer: numba" in printed
+    assert "3 tasks, where NVOS has 8" in printed
     tasks = rows_of(folder / "out" / "nvos-SAGA.csv")
     assert list(tasks) == ["fern", "horns_center", "horns_left", "mean"]
     # Of the wrong picture, IoU would be far below this; the left half's selection is half of the target's mask.
@@ -153,7 +152,7 @@ class TestProtocols:
         assert (seen.camera.width, seen.camera.height) == (40, 30)
         assert protocol_of("nvos", "own").view(view, camera).camera.width == 80
         shown = ObjectRender(np.zeros((30, 40, 3), np.float32), np.ones((30, 40), np.float32))
-        judge = Judge(get_renderer("reference"))
+        judge = Judge()
         assert judge.score(shown, TestView(camera, None, truth, truth))["iou"] == 100
 
     def test_spin_nerf_pairs_by_order_and_counts_the_reference_or_not(self, folder):

@@ -14,7 +14,7 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.evaluation.ground_truth import views_in
 from gaussian_trimmer.evaluation.metrics import similarity_map
 from gaussian_trimmer.evaluation.removal import covered, likeness
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import render
 
 NAMES = ["IMG_1.png", "IMG_2.png", "IMG_3.png"]
 SIZE = 96
@@ -29,7 +29,7 @@ def folder(tmp_path, monkeypatch):
     floor = scene.select(~truth)
     formats.write(floor, tmp_path / "floor.ply")
     for camera in read_camera_set(tmp_path).cameras:
-        picture = get_renderer("numba").render(floor, camera).rgb[..., ::-1]
+        picture = render(floor, camera).rgb[..., ::-1]
         write(tmp_path / "without" / camera.name, np.round(255 * np.clip(picture, 0, 1)).astype(np.uint8))
         write(tmp_path / "masks" / camera.name, masks[camera.name])
         write(tmp_path / "images" / camera.name, pictures[camera.name])

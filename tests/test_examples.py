@@ -57,16 +57,6 @@ def test_bring_your_own_segmenter(printed):
     assert all(2000 < n < SELECTED for n in kept) and kept[0] != kept[1]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("printed", ["04_bring_your_own_renderer.py"], indirect=True)
-def test_bring_your_own_renderer(printed):
-    builtin, own = printed
-    assert builtin.startswith("numba: ") and own.startswith("matte: ")
-    assert all(2000 < numbers(line)[0] < SELECTED for line in printed)
-    assert all(0 < numbers(line)[1] < 1 for line in printed)  # per cent of the pixels
-    assert numbers(own)[2] != numbers(builtin)[2]  # GrabCut saw other colours
-
-
 @pytest.mark.parametrize("printed", ["05_measure_a_trim.py"], indirect=True)
 def test_measure_a_trim(printed):
     (alone_before, in_scene_before, _), (alone, in_scene, _) = map(numbers, printed)

@@ -10,13 +10,13 @@ import sys
 
 import numpy as np
 import pytest
+import reference
 from extreme_scenes import COORDINATES, FAR_COORDINATES, MEANINGLESS, extreme_camera, extreme_scene, huge_gaussians
 from scenes import front_camera, gaussian
 from test_rendering_parity import LARGEST_FLIP, TOLERANCE, assert_close, assert_weights_close
 
+from gaussian_trimmer import rendering
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 
 N_SCENES = 50
 
@@ -37,7 +37,7 @@ def draw_extreme_scenes():
     """Draw scenes and cameras whose numbers may be anything, NaN among them."""
     for seed in range(N_SCENES):
         scene = extreme_scene(seed, (*COORDINATES, *FAR_COORDINATES), MEANINGLESS)
-        ask_everything(NumbaRenderer(), scene, extreme_camera(seed, MEANINGLESS if seed % 4 == 3 else ()))
+        ask_everything(rendering, scene, extreme_camera(seed, MEANINGLESS if seed % 4 == 3 else ()))
 
 
 CHECKED = """
@@ -75,8 +75,8 @@ def test_extreme_scenes_look_alike(seed):
     # Not their colours: of 1e30, an error of a millionth is more than any tolerance. Opacities of exactly one lie on
     # the threshold at which a pixel is finished, so more pixels flip than in other scenes.
     scene, camera = extreme_scene(seed), extreme_camera(seed)
-    expected, *others = ask_everything(get_renderer("reference"), scene, camera)[1:]
-    actual, *more = ask_everything(get_renderer("numba"), scene, camera)[1:]
+    expected, *others = ask_everything(reference, scene, camera)[1:]
+    actual, *more = ask_everything(rendering, scene, camera)[1:]
     assert all(np.isfinite(array).all() for array in (actual, *others, *more))
     difference = np.abs(actual - expected)
     assert difference.max() <= LARGEST_FLIP
@@ -86,15 +86,14 @@ def test_extreme_scenes_look_alike(seed):
 @pytest.mark.parametrize("seed", range(10))
 def test_huge_gaussians_are_drawn_alike(seed):
     scene, camera = huge_gaussians(seed), front_camera(83, 61)
-    numba, reference = get_renderer("numba"), get_renderer("reference")
-    actual, expected = (renderer.render(scene, camera, weights=True) for renderer in (numba, reference))
+    actual, expected = (renderer.render(scene, camera, weights=True) for renderer in (rendering, reference))
     assert expected.alpha.min() > 0.2, "They cover the picture."
-    assert_close(numba, actual.rgb, expected.rgb)
-    assert_close(numba, actual.alpha, expected.alpha)
-    assert_weights_close(numba, actual.weights, expected.weights)
+    assert_close(actual.rgb, expected.rgb)
+    assert_close(actual.alpha, expected.alpha)
+    assert_weights_close(actual.weights, expected.weights)
 
 
-@pytest.mark.parametrize("renderer", ["numba", "reference"])
+@pytest.mark.parametrize("renderer", [rendering, reference])
 @pytest.mark.parametrize("log_scale", [18.5, 30.0, 48.0, 88.0, 300.0])
 def test_a_needle_of_any_length_is_a_line(renderer, log_scale):
     # At 45 degrees through the middle of the pixel (16, 16); thinner than a pixel, so its profile is the low pass.
@@ -102,18 +101,18 @@ def test_a_needle_of_any_length_is_a_line(renderer, log_scale):
     quaternion = (np.cos(np.pi / 8), 0, 0, np.sin(np.pi / 8))
     needle = gaussian((0, 0, 1), quaternion=quaternion, opacity=0.8)
     needle = needle.replace(log_scales=np.array([[log_scale, -20, -20]], np.float32))
-    alpha = get_renderer(renderer).render(needle, camera).alpha
+    alpha = renderer.render(needle, camera).alpha
     y, x = np.indices(alpha.shape)
     profile = 0.8 * np.exp(-0.5 * ((x - y) ** 2 / 2) / 0.3)
     np.testing.assert_allclose(alpha, np.where(profile >= 1 / 255, profile, 0), atol=1e-3)
 
 
-@pytest.mark.parametrize("renderer", ["numba", "reference"])
+@pytest.mark.parametrize("renderer", [rendering, reference])
 @pytest.mark.parametrize("length", [1e-30, 1e-20, 1.0, 1e20])
 def test_the_length_of_a_quaternion_does_not_matter(renderer, length):
     camera = front_camera(33, 20)
     turned = gaussian((0.4, -0.3, 0.2), scale=(0.5, 0.1, 0.05), quaternion=(0.5, -0.7, 0.4, 0.3), opacity=0.8)
-    expected = get_renderer(renderer).render(turned, camera).alpha
+    expected = renderer.render(turned, camera).alpha
     stretched = turned.replace(quaternions=(np.float64(length) * turned.quaternions).astype(np.float32))
-    np.testing.assert_allclose(get_renderer(renderer).render(stretched, camera).alpha, expected, atol=1e-5)
+    np.testing.assert_allclose(renderer.render(stretched, camera).alpha, expected, atol=1e-5)
     assert expected.max() > 0.5

@@ -7,7 +7,7 @@ import toy
 from gaussian_trimmer import formats
 from gaussian_trimmer.evaluation.results import read_result
 from gaussian_trimmer.gaussians import SH_C0, concatenate
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
@@ -34,7 +34,7 @@ def results():
 
 def test_the_hole_is_closed_in_the_colour_of_the_floor(results):
     (camera,), _ = plan_cameras(SCENE.select(TRUTH), toy.UP, PlanConfig(views=1, size=96, pitch_degrees=80))
-    open_, closed = (get_renderer("numba").render(result.background, camera) for result in results)
+    open_, closed = (render(result.background, camera) for result in results)
     middle = slice(44, 52), slice(44, 52)
     assert open_.alpha[middle].mean() < 0.3
     assert closed.alpha[middle].mean() > 0.9
@@ -46,7 +46,7 @@ def test_a_hole_that_is_seen_through_the_open_back_of_the_object_is_closed_too()
     scene, truth = SCENE.select(~back), TRUTH[~back]
     rest = trim(scene, truth, config=CONFIG).background
     (camera,), _ = plan_cameras(SCENE.select(TRUTH), toy.UP, PlanConfig(views=1, size=96, pitch_degrees=80))
-    assert get_renderer("numba").render(rest, camera).alpha[44:52, 44:52].mean() > 0.9
+    assert render(rest, camera).alpha[44:52, 44:52].mean() > 0.9
 
 
 def test_what_was_filled_is_marked(results, tmp_path):
@@ -74,7 +74,7 @@ def test_the_object_and_what_hides_the_hole_stay_as_they_are(results):
     cameras, _ = plan_cameras(SCENE.select(TRUTH), toy.UP, PlanConfig(size=96))
     both = concatenate([filled.object, filled.background])
     for camera in cameras:
-        before, after = (get_renderer("numba").render(part, camera).rgb for part in (SCENE, both))
+        before, after = (render(part, camera).rgb for part in (SCENE, both))
         assert np.mean((before - after) ** 2) < 10**-4
 
 

@@ -16,7 +16,6 @@ from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.judging import FindConfig
 from gaussian_trimmer.finding.plan import draw_plan
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.surface.contacts import Contacts, one_thing
 from gaussian_trimmer.surface.room_surfaces import find_room
 from gaussian_trimmer.surface.visible_surface import find_visible_surface, views_of
@@ -84,7 +83,7 @@ def test_the_lowest_strip_of_what_stands_may_belong_to_it_though_it_lies_in_the_
     up, sunk = np.array([0.0, 0.0, 1.0]), room.box((0, 0), (0.8, 0.8, 0.6), room.RED, 1)
     sunk = sunk.replace(means=sunk.means - np.float32([0, 0, 0.02]))
     scene, part = room.scene_of(room.floor(), sunk)
-    surface = find_visible_surface(scene, views_of(scene, CAMERAS, up), up, get_renderer("numba"))
+    surface = find_visible_surface(scene, views_of(scene, CAMERAS, up), up)
     found = find_room(surface)
     (floor,) = found.surfaces
     below = floor.own & (floor.heights < -floor.border) & (part[surface.rows] == 1)
@@ -228,8 +227,8 @@ def test_an_up_vector_that_was_found_for_the_scene_is_that_of_its_trims(furnishe
 
 
 def test_the_plan_shows_each_object_in_a_colour_of_its_own_where_it_stands(found, furnished):
-    picture = draw_plan(found, get_renderer("reference")).astype(int)
-    plain = draw_plan(replace(found, labels=0 * found.labels), get_renderer("reference")).astype(int)
+    picture = draw_plan(found).astype(int)
+    plain = draw_plan(replace(found, labels=0 * found.labels)).astype(int)
     coloured = np.abs(picture - plain).max(axis=2) > 60
     _, parts, areas, middles = cv2.connectedComponentsWithStats(coloured.astype(np.uint8))
     large = np.flatnonzero(areas[1:, cv2.CC_STAT_AREA] > 2000) + 1

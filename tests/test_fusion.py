@@ -7,11 +7,10 @@ import toy
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.gaussians import Gaussians, concatenate
 from gaussian_trimmer.masks.fusion import fuse_with_silhouettes
-from gaussian_trimmer.rendering import Rendering, get_renderer
+from gaussian_trimmer.rendering import Rendering, blend_values
 from gaussian_trimmer.views.view import View
 
 SIZE = 96
-RENDERER = get_renderer("numba")
 
 
 def wall():
@@ -34,7 +33,7 @@ def cameras(n=4, size=SIZE):
 def masks_of(inside, shown, scene=None):
     """What the cameras see of the Gaussians that are inside, as masks."""
     part = inside.astype(np.float32)[:, None]
-    return [RENDERER.blend_values(scene or SCENE, camera, part)[..., 0] > 0.5 for camera in shown]
+    return [blend_values(scene or SCENE, camera, part)[..., 0] > 0.5 for camera in shown]
 
 
 def views_of(shown):
@@ -60,7 +59,7 @@ def logits_of(masks, confidence=4.0):
 
 
 def fuse(silhouettes, logits):
-    return fuse_with_silhouettes(VIEWS, silhouettes, logits, SCENE, RENDERER)
+    return fuse_with_silhouettes(VIEWS, silhouettes, logits, SCENE)
 
 
 @pytest.mark.parametrize("truth", [WIDER, NARROWER], ids=["adds", "removes"])
@@ -100,7 +99,7 @@ def test_what_is_too_thin_for_masks_is_not_removed_by_them(half_width, stays):
     scene, shown = concatenate([SCENE.select(LEFT), bar]), cameras(size=512)
     wall_alone = np.arange(len(scene)) < np.count_nonzero(LEFT)
     silhouettes, masks = masks_of(np.ones(len(scene), np.bool_), shown, scene), masks_of(wall_alone, shown, scene)
-    fused, aside = fuse_with_silhouettes(views_of(shown), silhouettes, logits_of(masks), scene, RENDERER)
+    fused, aside = fuse_with_silhouettes(views_of(shown), silhouettes, logits_of(masks), scene)
     assert aside == 0
     for mask, silhouette, without in zip(fused, silhouettes, masks, strict=True):
         beside = silhouette & ~without
@@ -133,6 +132,6 @@ def test_the_order_of_views_does_not_matter():
     silhouettes, masks = masks_of(LEFT, CAMERAS), masks_of(WIDER, CAMERAS)
     logits = logits_of([masks[0], silhouettes[1], masks[2], masks[3]], 3.0)
     fused, _ = fuse(silhouettes, logits)
-    backward, _ = fuse_with_silhouettes(VIEWS[::-1], silhouettes[::-1], logits[::-1], SCENE, RENDERER)
+    backward, _ = fuse_with_silhouettes(VIEWS[::-1], silhouettes[::-1], logits[::-1], SCENE)
     for a, b in zip(fused, backward[::-1], strict=True):
         np.testing.assert_array_equal(a, b)

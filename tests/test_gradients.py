@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import reference
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, quaternions_of, rotation_matrices
-from gaussian_trimmer.rendering import reference
 from gaussian_trimmer.rendering.gradients import draw, draw_with, gradients, loss_gradient
-from gaussian_trimmer.rendering.reference import ReferenceRenderer
 
 _NAMES = (
     "x",
@@ -63,7 +62,7 @@ def _moved(gaussians: Gaussians, row: int, parameter: int, step: float) -> Gauss
 
 
 def _loss(gaussians: Gaussians, camera: Camera, slopes: FloatArray) -> float:
-    view = ReferenceRenderer().render(gaussians, camera)
+    view = reference.render(gaussians, camera)
     return float((view.rgb.transpose(2, 0, 1) * slopes[:3]).sum(dtype=np.float64) + (view.alpha * slopes[3]).sum())
 
 
@@ -122,11 +121,11 @@ def test_slopes_towards_a_picture_are_derivatives_of_the_rounded_difference() ->
     np.testing.assert_allclose(found[:, : camera.height, : camera.width], expected, atol=1e-4)
 
 
-def test_values_are_blended_as_by_the_renderer_and_only_in_the_tiles_asked_for() -> None:
+def test_values_are_blended_as_elsewhere_and_only_in_the_tiles_asked_for() -> None:
     gaussians, camera = _scene(30)
     values = np.random.default_rng(1).uniform(0, 1, (30, 2)).astype(np.float32)
     drawing, blended = draw_with(gaussians, camera, values)
-    expected = ReferenceRenderer().blend_values(gaussians, camera, values).transpose(2, 0, 1)
+    expected = reference.blend_values(gaussians, camera, values).transpose(2, 0, 1)
     np.testing.assert_allclose(blended, expected, atol=2e-4)
     np.testing.assert_array_equal(drawing.image, draw(gaussians, camera).image)
     np.testing.assert_array_equal(drawing.depth, draw(gaussians, camera).depth)

@@ -8,7 +8,7 @@ import toy
 
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.geometry.planes import Plane
-from gaussian_trimmer.rendering.reference import ReferenceRenderer
+from gaussian_trimmer.rendering import blend_values, blend_weights, render
 from gaussian_trimmer.trimming.alpha_targets import OutlineViews
 from gaussian_trimmer.trimming.config import EvidenceConfig
 from gaussian_trimmer.trimming.evidence import Decomposition, prune_halo
@@ -86,19 +86,19 @@ def test_known_masks_take_the_place_of_what_the_scene_shows():
     assert everywhere[-3:].all()
 
 
-def test_the_shares_are_those_of_the_reference_renderer():
-    """Every threshold gives the Gaussians whose share, by the readable renderer, reaches it."""
+def test_the_shares_are_those_of_the_reference():
+    """Every threshold gives the Gaussians whose share, drawn by the reference, reaches it."""
     scene, members = with_smear(0.1)
     near = members | (np.linalg.norm(scene.means - toy.CENTRE, axis=1) < 2.2)
     scene, members = scene.select(near), members[near]
-    renderer, sums = ReferenceRenderer(), 0
+    sums = 0
     for camera in CAMERAS:
-        alone, whole = renderer.render(scene.select(members), camera), renderer.render(scene, camera)
-        share = renderer.blend_values(scene, camera, members[:, None].astype(np.float32))[..., 0]
+        alone, whole = render(scene.select(members), camera), render(scene, camera)
+        share = blend_values(scene, camera, members[:, None].astype(np.float32))[..., 0]
         nearer = (whole.depth > 0) & (whole.depth < alone.depth - TOUCHING_RADII * RADIUS)
         placed = share >= 0.5 * alone.alpha
         labels = np.where(nearer & ~placed, 2, placed).astype(np.uint8)
-        sums = sums + renderer.blend_weights(scene.select(members), camera, labels, 2)
+        sums = sums + blend_weights(scene.select(members), camera, labels, 2)
     shares = np.divide(sums[:, 1], sums.sum(axis=1), out=np.ones(len(sums)), where=sums.sum(axis=1) > 0)
     for least in (0.3, 0.7, 0.9):
         clear = np.abs(shares - least) > 0.02

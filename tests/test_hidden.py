@@ -8,7 +8,7 @@ import toy
 
 from gaussian_trimmer.evaluation.results import read_result
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
@@ -16,7 +16,6 @@ from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 SCENE, TRUTH = toy.ball_on_floor(n_ball=1500)
 CONFIG = toy.small_config()
 DARK, GREEN = (0.05, 0.02, 0.02), (0.1, 0.8, 0.2)
-RENDERER = get_renderer("numba")
 
 
 def with_more(means, scales, colour):
@@ -36,10 +35,7 @@ def psnr(result):
     """The least PSNR of object and background against the scene, from all around."""
     cameras, _ = plan_cameras(result.scene.select(TRUTH_OF[len(result.scene)]), toy.UP, PlanConfig(size=96, fill=0.4))
     both = concatenate([result.object, result.background])
-    errors = [
-        np.mean((RENDERER.render(result.scene, camera).rgb - RENDERER.render(both, camera).rgb) ** 2)
-        for camera in cameras
-    ]
+    errors = [np.mean((render(result.scene, camera).rgb - render(both, camera).rgb) ** 2) for camera in cameras]
     return -10 * np.log10(max(*errors, 1e-12))
 
 

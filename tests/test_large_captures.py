@@ -17,7 +17,7 @@ from gaussian_trimmer.finding.tall_things import TallThings
 from gaussian_trimmer.finding.tiles import plan_tiles, tile_counts
 from gaussian_trimmer.gaussians import concatenate, mask_of_rows
 from gaussian_trimmer.geometry.storey import Storey, find_storey
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selecting import interpretation
 from gaussian_trimmer.selecting.marks import Click, Grow, Marks
 from gaussian_trimmer.surface.overview import OverviewConfig, plan_views
@@ -56,18 +56,18 @@ def test_the_storey_turns_and_scales_with_the_scene():
 
 def test_a_person_stands_in_a_room_between_floor_and_ceiling_and_nowhere_outdoors():
     inside = concatenate([room.floor(), ceiling(2.6), *furniture()])
-    [(eye, target)] = stands_in_rooms(inside, UP, get_renderer("numba"))
+    [(eye, target)] = stands_in_rooms(inside, UP)
     storey, ways = find_storey(inside, UP), inside.means[:, :2]
     assert storey.floor < eye[2] < storey.ceiling and target[2] < eye[2]
     assert (ways.min(axis=0) < eye[:2]).all() and (eye[:2] < ways.max(axis=0)).all()
-    assert stands_in_rooms(toy.ball_on_floor()[0], UP, get_renderer("numba")) == []
+    assert stands_in_rooms(toy.ball_on_floor()[0], UP) == []
 
 
 def test_views_to_click_in_are_those_of_a_person_in_rooms_and_together_show_all_furniture():
     scene, part = room.scene_of(room.floor(), ceiling(2.6), *furniture())
     views = plan_views(scene, UP, OverviewConfig(ring=3)).views
     assert 1 < len(views) <= 6
-    shown = sum(get_renderer("numba").render(scene, view.camera, weights=True).weights for view in views)
+    shown = sum(render(scene, view.camera, weights=True).weights for view in views)
     for number in (2, 3):
         assert (shown[part == number] > 0).mean() > 0.5
     assert all(0 < view.camera.centre[2] < 2.6 for view in views)
@@ -203,7 +203,7 @@ def test_a_click_takes_a_tall_thing_with_its_upper_part():
     scene, part = room.scene_of(room.floor(), ceiling(2.6), *furniture()[:1], lamp)
     middle = np.array([1, 0.85, 0.4])
     seen = (np.linalg.norm(scene.means - middle, axis=1) < 0.1).astype(np.float32)
-    [thing, *_] = at_point.ThingsAtPoints(scene, UP, get_renderer("numba")).at(middle, seen)
+    [thing, *_] = at_point.ThingsAtPoints(scene, UP).at(middle, seen)
     assert toy.jaccard(mask_of_rows(thing, len(scene)), part == 3) > 0.8
 
 

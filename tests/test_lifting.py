@@ -14,15 +14,12 @@ from gaussian_trimmer import selection_files
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.lifting import (
     lift_by_assignment,
     lift_objects_by_assignment,
     sum_label_weights,
 )
 from gaussian_trimmer.selection_files.labels import assign_labels
-
-REFERENCE = get_renderer("reference")
 
 # Seven Gaussians: three at the left, two at the right, one behind the left ones, one that no camera has in its frame.
 CENTRES = np.array([[-0.5, y, 0] for y in (-0.3, 0, 0.3)] + [[0.5, y, 0] for y in (-0.2, 0.2)] + [[-0.5, 0, 3.0]])
@@ -58,30 +55,30 @@ def left_masks(n: int = 3) -> list[np.ndarray]:
 
 
 def test_assignment_takes_what_the_masks_show() -> None:
-    selected = lift_by_assignment(scene(), cameras(), left_masks(), REFERENCE)
+    selected = lift_by_assignment(scene(), cameras(), left_masks())
     assert np.flatnonzero(selected).tolist() == [*LEFT, BEHIND]
 
 
 def test_unseen_gaussians_stay_background_whatever_the_slackness() -> None:
     for gamma in (-1.0, -0.5, 0.0, 0.5, 1.0):
-        selected = lift_by_assignment(scene(), cameras(), left_masks(), REFERENCE, gamma)
+        selected = lift_by_assignment(scene(), cameras(), left_masks(), gamma)
         assert not selected[OUTSIDE]
 
 
 def test_more_slackness_never_adds() -> None:
     mask = np.zeros((40, 48), bool)
     mask[18:22, :24] = True  # cuts through the middle of the left group
-    found = [lift_by_assignment(scene(0), cameras(), [mask] * 3, REFERENCE, g) for g in (-0.9, -0.3, 0.0, 0.3, 0.9)]
+    found = [lift_by_assignment(scene(0), cameras(), [mask] * 3, g) for g in (-0.9, -0.3, 0.0, 0.3, 0.9)]
     assert found[0].sum() > found[-1].sum()
     for larger, smaller in pairwise(found):
         assert (larger | ~smaller).all()
 
 
 def test_soft_coverage_is_cut_at_half() -> None:
-    hard = lift_by_assignment(scene(), cameras(), left_masks(), REFERENCE)
+    hard = lift_by_assignment(scene(), cameras(), left_masks())
     for inside, outside in ((255, 0), (128, 127)):
         soft = [np.where(mask, inside, outside).astype(np.uint8) for mask in left_masks()]
-        assert (lift_by_assignment(scene(), cameras(), soft, REFERENCE) == hard).all()
+        assert (lift_by_assignment(scene(), cameras(), soft) == hard).all()
 
 
 def many_objects() -> tuple[Gaussians, list[Camera], list[np.ndarray]]:
@@ -103,14 +100,14 @@ def many_objects() -> tuple[Gaussians, list[Camera], list[np.ndarray]]:
 @pytest.mark.parametrize("gamma", [-0.6, 0.0, 0.3])
 def test_objects_lifted_in_passes_are_those_lifted_at_once(gamma: float, monkeypatch: pytest.MonkeyPatch) -> None:
     cloud, views, labels = many_objects()
-    weights = sum_label_weights(cloud, views, labels, 256, REFERENCE)
+    weights = sum_label_weights(cloud, views, labels, 256)
     lengths = np.linalg.norm(weights, axis=1, keepdims=True)
     scaled = weights / np.where(lengths > 0, lengths, 1) + gamma * np.eye(256)[0]
     at_once = np.where(lengths[:, 0] > 0, scaled.argmax(axis=1), 0)
     assert len(np.unique(at_once)) > 20
     for objects in (1, 7, 16):
         monkeypatch.setattr(selection_files.labels, "_OBJECTS_AT_ONCE", objects)
-        found = lift_objects_by_assignment(cloud, views, labels, REFERENCE, gamma)
+        found = lift_objects_by_assignment(cloud, views, labels, gamma)
         np.testing.assert_array_equal(found, at_once)
 
 
@@ -134,30 +131,30 @@ def test_assignment_of_one_row(row: list[float], gamma: float, label: int) -> No
 def test_one_object_in_one_pass_equals_the_single_assignment() -> None:
     labels = [mask.astype(np.uint8) for mask in left_masks()]
     for gamma in (-0.7, 0.0, 0.4):
-        many = lift_objects_by_assignment(scene(0), cameras(), labels, REFERENCE, gamma)
-        assert ((many == 1) == lift_by_assignment(scene(0), cameras(), left_masks(), REFERENCE, gamma)).all()
+        many = lift_objects_by_assignment(scene(0), cameras(), labels, gamma)
+        assert ((many == 1) == lift_by_assignment(scene(0), cameras(), left_masks(), gamma)).all()
 
 
 def test_permuted_gaussians_give_permuted_answers() -> None:
     order = np.random.default_rng(0).permutation(len(scene()))
     shuffled = scene(0).select(order)
     assert (
-        lift_by_assignment(shuffled, cameras(), left_masks(), REFERENCE)
-        == lift_by_assignment(scene(0), cameras(), left_masks(), REFERENCE)[order]
+        lift_by_assignment(shuffled, cameras(), left_masks())
+        == lift_by_assignment(scene(0), cameras(), left_masks())[order]
     ).all()
 
 
 def test_impossible_masks() -> None:
     with pytest.raises(InputError, match="2 masks for 3 cameras"):
-        lift_by_assignment(scene(), cameras(), left_masks(2), REFERENCE)
+        lift_by_assignment(scene(), cameras(), left_masks(2))
     with pytest.raises(InputError, match=r"View '-0.6.png' has a mask of 20 x 10 pixels .* 48 x 40"):
-        lift_by_assignment(scene(), cameras(), [np.ones((10, 20), bool)] * 3, REFERENCE)
+        lift_by_assignment(scene(), cameras(), [np.ones((10, 20), bool)] * 3)
     with pytest.raises(InputError, match="largest value is 1, and"):
-        lift_by_assignment(scene(), cameras(), [mask.astype(np.uint8) for mask in left_masks()], REFERENCE)
+        lift_by_assignment(scene(), cameras(), [mask.astype(np.uint8) for mask in left_masks()])
     with pytest.raises(InputError, match="nothing but background"):
-        lift_objects_by_assignment(scene(), cameras(), [np.zeros((40, 48), np.uint8)] * 3, REFERENCE)
+        lift_objects_by_assignment(scene(), cameras(), [np.zeros((40, 48), np.uint8)] * 3)
     with pytest.raises(InputError, match="between -1 and 1"):
-        lift_by_assignment(scene(), cameras(), left_masks(), REFERENCE, gamma=float("nan"))
+        lift_by_assignment(scene(), cameras(), left_masks(), gamma=float("nan"))
 
 
 def masks_of(bench: benchmark_data.BenchmarkScene, name: str, views: Sequence[Camera]) -> list[np.ndarray]:
@@ -173,7 +170,7 @@ def test_benchmark_assignment(where: str) -> None:
     for number, name in enumerate(bench.objects, 1):
         for image, mask in zip(labels, masks_of(bench, name, views), strict=True):
             image[mask > 127] = number
-    assigned = lift_objects_by_assignment(bench.gaussians, views, labels, get_renderer("numba"))
+    assigned = lift_objects_by_assignment(bench.gaussians, views, labels)
     for number, name in enumerate(bench.objects, 1):
         assert toy.jaccard(assigned == number, bench.coarse(name, "exact")) >= 0.99
 
@@ -181,6 +178,6 @@ def test_benchmark_assignment(where: str) -> None:
 def test_large_object_numbers_are_lifted_as_small_ones() -> None:
     small = [np.where(mask, np.uint8(1), np.uint8(2)) for mask in left_masks()]
     large = [np.where(image == 1, 70_000, 5_000_000).astype(np.int32) for image in small]
-    expected = lift_objects_by_assignment(scene(), cameras(), small, REFERENCE)
-    found = lift_objects_by_assignment(scene(), cameras(), large, REFERENCE)
+    expected = lift_objects_by_assignment(scene(), cameras(), small)
+    found = lift_objects_by_assignment(scene(), cameras(), large)
     assert np.array_equal(found, np.array([0, 70_000, 5_000_000])[expected])

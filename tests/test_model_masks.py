@@ -6,18 +6,15 @@ import toy
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.masks.sam_onnx import Candidates
-from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting import model_masks
 from gaussian_trimmer.selecting.clicks import NothingFoundError, Pick, select_by_box, select_by_click
 from gaussian_trimmer.selecting.model_masks import select_by_model
 from gaussian_trimmer.surface.viewed_scene import ViewedScene
 from gaussian_trimmer.views.view import bounding_box
 
-RENDERER = get_renderer("numba")
-
 
 def viewed(scene, camera):
-    return ViewedScene(scene, camera, toy.UP, RENDERER)
+    return ViewedScene(scene, camera, toy.UP)
 
 
 class Oracle:

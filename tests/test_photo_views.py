@@ -6,7 +6,6 @@ from toy import gaussians
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 from gaussian_trimmer.views.photo_views import photo_views, visible_share
 
 BOUNDS = Bounds(np.zeros(3), np.eye(3), np.full(3, 0.5))
@@ -77,9 +76,9 @@ def test_views_in_which_something_hides_the_object_come_last():
 def test_the_share_of_an_object_that_a_camera_sees():
     ball, fence = np.zeros((1, 3)), np.array([[2.0, 0.0, -0.3]])
     scene = gaussians(np.concatenate([ball, fence]), [[0.3] * 3, [0.05, 3.0, 0.6]], (1, 1, 1), 0.98)
-    selection, renderer = np.array([True, False]), NumbaRenderer()
+    selection = np.array([True, False])
     before, beside = camera(0.0, target=(0, 0, 0)), camera(np.pi, target=(0, 0, 0))
-    assert 0.2 < visible_share(scene, selection, before, renderer) < 0.8
-    assert visible_share(scene, selection, beside, renderer) > 0.98
+    assert 0.2 < visible_share(scene, selection, before) < 0.8
+    assert visible_share(scene, selection, beside) > 0.98
     away = camera(0.0, target=(10, 10, 0.3))
-    assert visible_share(scene, selection, away, renderer) == 0.0
+    assert visible_share(scene, selection, away) == 0.0

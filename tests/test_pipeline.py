@@ -26,7 +26,7 @@ from toy import (
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.geometry.split import SPLIT_RULES
-from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
+from gaussian_trimmer.rendering import blend_values
 from gaussian_trimmer.trimming.config import PlanConfig, SplitConfig, TrimConfig, paper_config
 from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
@@ -99,7 +99,7 @@ def test_the_report_of_a_run():
     stages = []
     result = trim(SCENE, TRUTH, config=small_config(split=WHOLE), progress=stages.append)
     assert {"plan", "render", "segment", "weigh"} <= set(stages) == set(result.seconds)
-    assert (result.renderer, result.segmenter) == ("numba", "silhouette")
+    assert result.segmenter == "silhouette"
     assert len(result.views) == 5
     np.testing.assert_array_equal(result.up.direction, UP)
     assert np.linalg.norm(result.bounds.centre - [0, 0, 1]) < 0.1
@@ -133,7 +133,7 @@ def test_what_hides_the_object_in_given_views_speaks_against_nothing():
 
         def segment(self, views):
             shares = truth.astype(np.float32)[:, None]
-            return [NumbaRenderer().blend_values(scene, view.camera, shares)[..., 0] > 0.5 for view in views]
+            return [blend_values(scene, view.camera, shares)[..., 0] > 0.5 for view in views]
 
     result = trim(scene, truth, config=small_config(split=WHOLE), segmenter=VisibleMasks(), view_cameras=cameras)
     assert result.refused is None
@@ -222,8 +222,8 @@ def test_the_papers_choices_run():
     check_parts(result, selection)
 
 
-def test_names_and_objects_of_renderers_and_segmenters_are_the_same():
-    by_object = trim(SCENE, SPECKLED, config=small_config(split=WHOLE), renderer=NumbaRenderer(), segmenter="grabcut")
+def test_names_and_objects_of_segmenters_are_the_same():
+    by_object = trim(SCENE, SPECKLED, config=small_config(split=WHOLE), segmenter="grabcut")
     assert by_object.segmenter == "grabcut"
     assert jaccard(object_rows(by_object), TRUTH) > 0.97
 

@@ -1,13 +1,10 @@
-"""Renderers and segmenters of one's own that break their contract: one sentence that names them, whatever is wrong."""
-
-from dataclasses import replace
+"""Segmenters of one's own that break their contract: one sentence that names them, whatever is wrong."""
 
 import numpy as np
 import pytest
 import toy
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 from gaussian_trimmer.trimming.config import PlanConfig, SplitConfig
 from gaussian_trimmer.trimming.trim import trim
 
@@ -28,8 +25,8 @@ class Silhouettes:
 
 
 @toy.one_thread()
-def trimmed(segmenter="silhouette", renderer="numba"):
-    return trim(SCENE, toy.dilated(SCENE, TRUTH), config=CONFIG, renderer=renderer, segmenter=segmenter)
+def trimmed(segmenter="silhouette"):
+    return trim(SCENE, toy.dilated(SCENE, TRUTH), config=CONFIG, segmenter=segmenter)
 
 
 @pytest.fixture(scope="module")
@@ -43,9 +40,8 @@ class Together(Silhouettes):
     def segment(self, views):
         pytest.fail("segment_together is there")
 
-    def segment_together(self, views, gaussians, renderer):
+    def segment_together(self, views, gaussians):
         assert len(gaussians) > 0
-        assert renderer.name == "numba"
         return Silhouettes.segment(self, views)
 
 
@@ -103,44 +99,3 @@ def test_a_segmenter_without_a_name_is_called_by_its_class():
 
     with pytest.raises(InputError, match="'Nameless' gave"):
         trimmed(Nameless())
-
-
-class Homemade(NumbaRenderer):
-    """A renderer whose answers to one method are changed."""
-
-    name = "homemade"
-
-    def __init__(self, method, change):
-        super().__init__()
-
-        def changed(*arguments, **named):
-            return change(getattr(NumbaRenderer, method)(self, *arguments, **named))
-
-        setattr(self, method, changed)
-
-
-@pytest.mark.parametrize(
-    ("method", "change"),
-    [
-        ("render", lambda r: replace(r, rgb=r.rgb[..., :2])),
-        ("render", lambda r: replace(r, alpha=r.alpha > 0.5)),
-        ("render", lambda r: replace(r, depth=r.depth.T[:5])),
-        ("render", lambda r: replace(r, weights=np.zeros(0, np.float32))),
-        ("render", lambda r: r.rgb),
-        ("blend_values", lambda v: v[..., 0]),
-        ("blend_weights", lambda w: w.T),
-        ("blend_weights", lambda w: w.tolist()),
-        ("top_contributors", lambda found: found[0]),
-        ("top_contributors", lambda f: (f[0].astype(np.float32), f[1])),
-        ("top_contributors", lambda f: (f[0], f[1][:, :1])),
-    ],
-)
-def test_answers_of_a_renderer_that_cannot_be_used_are_named(method, change):
-    with pytest.raises(InputError, match=f"renderer 'homemade' gave .* from {method}"):
-        trimmed(Silhouettes(tight), Homemade(method, change))
-
-
-def tight(masks):
-    """Masks without their rim, so that Gaussians are looked at that straddle it."""
-    return [mask & np.roll(mask, 2, 0) & np.roll(mask, -2, 0) & np.roll(mask, 2, 1) & np.roll(mask, -2, 1)
-            for mask in masks]  # fmt: skip

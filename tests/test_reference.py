@@ -1,15 +1,16 @@
-"""The reference renderer against values computed by hand, and against laws that any blending obeys."""
+"""The reference against values computed by hand, and against laws that any blending obeys."""
 
 import numpy as np
 import pytest
+import reference
+from reference import projected_covariances
 from scenes import front_camera, gaussian, random_scene
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import concatenate, quaternions_of, rotation_matrices
-from gaussian_trimmer.rendering import ALPHA_CUTOFF, get_renderer, reference
-from gaussian_trimmer.rendering.reference import projected_covariances, sh_basis, view_colours
+from gaussian_trimmer.rendering.blending import ALPHA_CUTOFF
+from gaussian_trimmer.rendering.harmonics import sh_basis, view_colours
 
-RENDERER = get_renderer("reference")
 FOCAL = 100.0
 # At the origin, looking along z; the optical axis passes through the centre of pixel (50, 40).
 CAMERA = Camera(np.eye(4), np.array([[FOCAL, 0, 50.5], [0, FOCAL, 40.5], [0, 0, 1]]), 101, 81)
@@ -18,7 +19,7 @@ C1 = 0.4886025119029199  # sqrt(3 / (4 pi))
 
 def at_axis(gaussians, background=None):
     """Colour, alpha and depth at the pixel of the optical axis."""
-    rendering = RENDERER.render(gaussians, CAMERA, background)
+    rendering = reference.render(gaussians, CAMERA, background)
     return rendering.rgb[40, 50], rendering.alpha[40, 50], rendering.depth[40, 50]
 
 
@@ -26,7 +27,7 @@ def at_axis(gaussians, background=None):
 
 
 def test_one_gaussian_falls_off_by_its_projected_variance():
-    alpha = RENDERER.render(gaussian(mean=(0, 0, 2), scale=(0.1, 0.2, 0.3), opacity=0.6), CAMERA).alpha
+    alpha = reference.render(gaussian(mean=(0, 0, 2), scale=(0.1, 0.2, 0.3), opacity=0.6), CAMERA).alpha
     across, down = (FOCAL / 2 * 0.1) ** 2 + 0.3, (FOCAL / 2 * 0.2) ** 2 + 0.3
     assert alpha[40, 50] == pytest.approx(0.6)
     assert alpha[40, 53] == pytest.approx(0.6 * np.exp(-0.5 * 9 / across))
@@ -38,8 +39,8 @@ def test_rotation_turns_the_footprint():
     # A quarter turn about the viewing axis; the quaternion's length does not matter.
     turned = gaussian(mean=(0, 0, 2), scale=(0.1, 0.2, 0.3), quaternion=(2, 0, 0, 2), opacity=0.6)
     swapped = gaussian(mean=(0, 0, 2), scale=(0.2, 0.1, 0.3), opacity=0.6)
-    expected = RENDERER.render(swapped, CAMERA).alpha
-    np.testing.assert_allclose(RENDERER.render(turned, CAMERA).alpha, expected, atol=1e-6)
+    expected = reference.render(swapped, CAMERA).alpha
+    np.testing.assert_allclose(reference.render(turned, CAMERA).alpha, expected, atol=1e-6)
 
 
 def test_footprint_off_the_axis():
@@ -74,7 +75,7 @@ def test_two_stacked_gaussians():
 def test_order_is_by_depth_not_by_distance():
     # The red one is nearer by depth, 2 against 2.1, and farther by distance, 2.24 against 2.1.
     red, blue = gaussian((1, 0, 2), scale=2, colour=(1, 0, 0)), gaussian((0, 0, 2.1), colour=(0, 0, 1))
-    ids, weights = RENDERER.top_contributors(concatenate([blue, red]), CAMERA, np.array([[50, 40]]), 2)
+    ids, weights = reference.top_contributors(concatenate([blue, red]), CAMERA, np.array([[50, 40]]), 2)
     red_weight, blue_weight = weights[0][np.argsort(-ids[0])]
     assert blue_weight == pytest.approx((1 - red_weight) * 0.5, rel=1e-5)
 
@@ -90,7 +91,7 @@ def test_alpha_is_capped():
 
 
 def test_cutoff_alone_bounds_a_gaussian():
-    alpha = RENDERER.render(gaussian(mean=(0, 0, 2), scale=0.2, opacity=0.95), CAMERA).alpha[40]
+    alpha = reference.render(gaussian(mean=(0, 0, 2), scale=0.2, opacity=0.95), CAMERA).alpha[40]
     sigma = np.sqrt((FOCAL / 2 * 0.2) ** 2 + 0.3)
     reach = sigma * np.sqrt(2 * np.log(0.95 * 255))  # 3.31 sigma
     drawn = np.abs(np.arange(101) - 50) <= reach
@@ -110,7 +111,7 @@ def test_pixel_stops_before_it_is_exhausted(opacity, n_drawn):
     scene = concatenate([*stack, gaussian((0, 0, 5), opacity=0.05)])
     _, alpha, _ = at_axis(scene)
     assert 1 - alpha == pytest.approx((1 - opacity) ** n_drawn, rel=2e-3)
-    ids, _ = RENDERER.top_contributors(scene, CAMERA, np.array([[50, 40]]), 11)
+    ids, _ = reference.top_contributors(scene, CAMERA, np.array([[50, 40]]), 11)
     assert ids[0].tolist() == [*range(n_drawn)] + [-1] * (11 - n_drawn)
 
 
@@ -158,20 +159,20 @@ def test_labels_part_the_weights():
     labels = np.ones((81, 101), np.uint8)
     labels[:, :50] = 0
     labels[:, 50] = 2
-    weights = RENDERER.blend_weights(gaussian(mean=(0, 0, 2), opacity=0.6), CAMERA, labels, 2)
+    weights = reference.blend_weights(gaussian(mean=(0, 0, 2), opacity=0.6), CAMERA, labels, 2)
     assert weights.shape == (1, 2)
     assert weights[0, 0] == pytest.approx(weights[0, 1])
-    alpha = RENDERER.render(gaussian(mean=(0, 0, 2), opacity=0.6), CAMERA).alpha
+    alpha = reference.render(gaussian(mean=(0, 0, 2), opacity=0.6), CAMERA).alpha
     assert weights.sum() == pytest.approx(alpha.sum() - alpha[:, 50].sum())
 
 
 def test_contributors_are_ordered_by_weight():
     scene = concatenate([gaussian((0, 0, 3), opacity=0.9), gaussian((0, 0, 1), opacity=0.2)])
     pixels = np.array([[50, 40], [0, 0]])
-    ids, weights = RENDERER.top_contributors(scene, CAMERA, pixels, 3)
+    ids, weights = reference.top_contributors(scene, CAMERA, pixels, 3)
     assert ids.tolist() == [[0, 1, -1], [-1, -1, -1]]
     np.testing.assert_allclose(weights, [[0.72, 0.2, 0], [0, 0, 0]], atol=1e-6)
-    ids, _ = RENDERER.top_contributors(scene, CAMERA, pixels, 1)
+    ids, _ = reference.top_contributors(scene, CAMERA, pixels, 1)
     assert ids.tolist() == [[0], [-1]]
 
 
@@ -183,7 +184,7 @@ def test_of_equal_contributors_the_nearer_comes_first(monkeypatch):
             yield splat, (slice(0, 1), slice(0, 1)), np.array([[0.25]])
 
     monkeypatch.setattr(reference, "_blend", equal_weights)
-    ids, _ = RENDERER.top_contributors(random_scene(0, 5), CAMERA, np.array([[0, 0]]), 2)
+    ids, _ = reference.top_contributors(random_scene(0, 5), CAMERA, np.array([[0, 0]]), 2)
     assert ids.tolist() == [[3, 1]]
 
 
@@ -220,8 +221,8 @@ def test_projection_is_linear_to_first_order():
 def test_weights_add_up_to_alpha(seed):
     scene, camera = random_scene(seed), front_camera()
     labels = np.random.default_rng(seed).integers(0, 3, (camera.height, camera.width)).astype(np.uint8)
-    alpha = RENDERER.render(scene, camera).alpha
-    weights = RENDERER.blend_weights(scene, camera, labels, 3)
+    alpha = reference.render(scene, camera).alpha
+    weights = reference.blend_weights(scene, camera, labels, 3)
     by_label = [alpha[labels == label].sum() for label in range(3)]
     np.testing.assert_allclose(weights.sum(0), by_label, rtol=1e-4)
     assert alpha.min() >= 0
@@ -231,11 +232,11 @@ def test_weights_add_up_to_alpha(seed):
 def test_contributors_add_up_to_alpha_and_agree_with_the_weights():
     scene, camera = random_scene(1), front_camera(31, 23)
     pixels = np.stack(np.meshgrid(np.arange(31), np.arange(23)), axis=-1).reshape(-1, 2)
-    ids, weights = RENDERER.top_contributors(scene, camera, pixels, len(scene))
-    alpha = RENDERER.render(scene, camera).alpha
+    ids, weights = reference.top_contributors(scene, camera, pixels, len(scene))
+    alpha = reference.render(scene, camera).alpha
     np.testing.assert_allclose(weights.sum(1), alpha.ravel(), atol=1e-5)
     sums = np.bincount(ids[ids >= 0], weights[ids >= 0], minlength=len(scene))
-    everywhere = RENDERER.blend_weights(scene, camera, np.zeros((23, 31), np.uint8), 1)[:, 0]
+    everywhere = reference.blend_weights(scene, camera, np.zeros((23, 31), np.uint8), 1)[:, 0]
     np.testing.assert_allclose(sums, everywhere, rtol=1e-4, atol=1e-5)
 
 
@@ -247,9 +248,9 @@ def test_order_of_rows_does_not_matter():
     shuffled = scene.select(order)
     labels = np.zeros((camera.height, camera.width), np.uint8)
     np.testing.assert_array_equal(
-        RENDERER.blend_weights(shuffled, camera, labels, 1), RENDERER.blend_weights(scene, camera, labels, 1)[order]
+        reference.blend_weights(shuffled, camera, labels, 1), reference.blend_weights(scene, camera, labels, 1)[order]
     )
-    np.testing.assert_array_equal(RENDERER.render(shuffled, camera).rgb, RENDERER.render(scene, camera).rgb)
+    np.testing.assert_array_equal(reference.render(shuffled, camera).rgb, reference.render(scene, camera).rgb)
 
 
 def test_moving_scene_and_camera_together_changes_nothing():
@@ -262,23 +263,23 @@ def test_moving_scene_and_camera_together_changes_nothing():
         means=(scene.means @ motion[:3, :3].T + motion[:3, 3]).astype(np.float32), quaternions=quaternions_of(rotations)
     )
     follower = Camera(camera.world_to_camera @ np.linalg.inv(motion), camera.K, camera.width, camera.height)
-    before, after = RENDERER.render(scene, camera), RENDERER.render(moved, follower)
+    before, after = reference.render(scene, camera), reference.render(moved, follower)
     np.testing.assert_allclose(after.rgb, before.rgb, atol=2e-3)
     np.testing.assert_allclose(after.depth, before.depth, atol=2e-2)
 
 
 def test_blended_values_of_one_are_alpha():
     scene, camera = random_scene(6), front_camera()
-    ones = RENDERER.blend_values(scene, camera, np.ones((len(scene), 2), np.float32))
-    rendering = RENDERER.render(scene, camera)
+    ones = reference.blend_values(scene, camera, np.ones((len(scene), 2), np.float32))
+    rendering = reference.render(scene, camera)
     np.testing.assert_array_equal(ones, np.stack([rendering.alpha] * 2, axis=-1))
     colours = view_colours(scene, camera).astype(np.float32)
-    np.testing.assert_allclose(RENDERER.blend_values(scene, camera, colours), rendering.rgb, atol=1e-6)
+    np.testing.assert_allclose(reference.blend_values(scene, camera, colours), rendering.rgb, atol=1e-6)
 
 
 def test_depth_lies_between_nearest_and_farthest():
     scene, camera = random_scene(7), front_camera()
-    rendering = RENDERER.render(scene, camera)
+    rendering = reference.render(scene, camera)
     depths = camera.to_camera(scene.means)[:, 2]
     seen = rendering.depth[rendering.alpha > 0]
     assert depths[depths >= 0.01].min() <= seen.min()
@@ -288,6 +289,6 @@ def test_depth_lies_between_nearest_and_farthest():
 
 def test_empty_scene_is_background():
     empty = gaussian().select(slice(0, 0))
-    rendering = RENDERER.render(empty, CAMERA, np.float32([0.1, 0.2, 0.3]))
+    rendering = reference.render(empty, CAMERA, np.float32([0.1, 0.2, 0.3]))
     np.testing.assert_allclose(rendering.rgb, np.broadcast_to([0.1, 0.2, 0.3], (81, 101, 3)), atol=1e-7)
-    assert RENDERER.blend_weights(empty, CAMERA, np.zeros((81, 101), np.uint8), 2).shape == (0, 2)
+    assert reference.blend_weights(empty, CAMERA, np.zeros((81, 101), np.uint8), 2).shape == (0, 2)

@@ -7,7 +7,6 @@ import toy
 from gaussian_trimmer.geometry.bounds import own_frame, robust_bounds
 from gaussian_trimmer.removal.remove import remove
 from gaussian_trimmer.removal.views import RemovalViews
-from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.views.small_views import views_of_place
 
 SCENE, TRUTH = toy.ball_on_floor(n_ball=1500)
@@ -19,7 +18,7 @@ def removed(rows=slice(None), rotation=UNTURNED):
     scene, truth = toy.moved(SCENE.select(rows), rotation), TRUTH[rows]
     target = scene.select(truth)
     bounds = robust_bounds(target, own_frame(target, rotation @ toy.UP))
-    views = RemovalViews(scene, truth, truth, bounds, views_of_place(bounds, 96), get_renderer("numba"))
+    views = RemovalViews(scene, truth, truth, bounds, views_of_place(bounds, 96))
     return remove(views, fill=True)
 
 

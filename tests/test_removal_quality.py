@@ -9,7 +9,7 @@ from gaussian_trimmer.cameras import only_training
 from gaussian_trimmer.evaluation.ground_truth import views_in
 from gaussian_trimmer.evaluation.removal import IGNORED, covered, likeness
 from gaussian_trimmer.masks.mask_files import cameras_with_masks
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.trim import trim
 
 OBJECTS = "fern", "lighthouse", "mug", "robot"
@@ -18,7 +18,7 @@ OBJECTS = "fern", "lighthouse", "mug", "robot"
 @pytest.mark.slow
 @pytest.mark.parametrize("name", OBJECTS)
 def test_the_scene_without_an_object_is_what_pictures_without_it_show(name):
-    folder, renderer = OWN / "tabletop", get_renderer("numba")
+    folder = OWN / "tabletop"
     scene = open_scene(folder)
     cameras = read_camera_set(scene.cameras_file)
     others = tuple(folder / "masks" / other for other in OBJECTS if other != name)
@@ -26,7 +26,7 @@ def test_the_scene_without_an_object_is_what_pictures_without_it_show(name):
     _, views = views_in(pictured, folder / "masks" / name, folder / "removed" / name, others, IGNORED)
     result = trim(scene.gaussians, scene.coarse(name, "dilated"), cameras=only_training(cameras), up=scene.up)
     scores = [
-        likeness(renderer.render(result.background, view.camera).rgb, view, covered(view, 6) & view.alone.counted)
+        likeness(render(result.background, view.camera).rgb, view, covered(view, 6) & view.alone.counted)
         for view in views
     ]
     assert len(scores) == 4

@@ -56,7 +56,7 @@ def test_report_says_how_it_came_about(trimmed, written):
     assert report["inputs"] == {"scene": "ball.ply"}
     assert report["configuration"]["plan"]["size"] == 160
     assert report["up"] == {"direction": [0.0, 0.0, 1.0], "source": "given", "confidence": 1.0}
-    assert (report["renderer"], report["segmenter"], report["refused"]) == ("numba", "silhouette", None)
+    assert (report["segmenter"], report["refused"]) == ("silhouette", None)
     assert report["seconds"]["read"] == 0.25
     assert set(report["seconds"]) > {"plan", "render", "segment", "weigh", "split"}
     assert len(report["views"]) == 5

@@ -22,7 +22,7 @@ from gaussian_trimmer.masks import get_segmenter, sam_onnx  # noqa: E402
 from gaussian_trimmer.masks.prompts import Prompt, expected_logits, middle_points  # noqa: E402
 from gaussian_trimmer.masks.sam import SamConfig, SamSegmenter, agreement, paper_sam, prompt_of  # noqa: E402
 from gaussian_trimmer.masks.sam_onnx import OnnxSam  # noqa: E402
-from gaussian_trimmer.rendering import Rendering, get_renderer  # noqa: E402
+from gaussian_trimmer.rendering import Rendering, blend_values  # noqa: E402
 from gaussian_trimmer.trimming.config import TrimConfig, paper_config  # noqa: E402
 from gaussian_trimmer.trimming.trim import trim  # noqa: E402
 from gaussian_trimmer.views.view import View, bounding_box  # noqa: E402
@@ -291,7 +291,7 @@ def test_views_after_the_first_are_prompted_with_what_its_mask_says(tmp_path, wr
         return
     for prompt, trimmed in zip(prompts[1:], result.views[1:], strict=True):
         shares = np.column_stack([truth, rough]).astype(np.float32)
-        shown = get_renderer("numba").blend_values(scene, trimmed.view.camera, shares) > 0.5
+        shown = blend_values(scene, trimmed.view.camera, shares) > 0.5
         gained = overlap(prompt.logits > 0, shown[..., 0]) - overlap(shown[..., 1], shown[..., 0])
         assert gained > 0.04  # what the first mask left out is left out of the prompts of the others
     assert not result.refused and overlap(result.object_mask, truth) > overlap(rough, truth) + 0.09

@@ -7,7 +7,7 @@ import toy
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.geometry.limits import check_magnitudes
-from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
+from gaussian_trimmer.rendering import tile_renderer
 from gaussian_trimmer.trimming.trim import trim
 
 SCENE, TRUTH = toy.ball_on_floor(n_ball=400, floor_side=20)
@@ -15,12 +15,10 @@ SELECTION = toy.dilated(SCENE, TRUTH)
 CONFIG = toy.small_config()
 
 
-class NoRenderer(NumbaRenderer):
-    """Draws what plug-ins are tried with, and fails when it is asked for the scene."""
-
-    def render(self, gaussians, *args, **options):
-        assert len(gaussians) == 2, "Nothing is to be drawn."
-        return super().render(gaussians, *args, **options)
+@pytest.fixture
+def no_drawing(monkeypatch):
+    """Fails where a view of the scene is asked for."""
+    monkeypatch.setattr(tile_renderer, "project_view", lambda *_: pytest.fail("Nothing is to be drawn."))
 
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -56,9 +54,9 @@ def scaled(factor):
         ("sh_dc", -1e16, r"-1e\+16, -1e\+16, -1e\+16"),
     ],
 )
-def test_impossible_numbers_are_refused_before_any_work(name, value, first):
+def test_impossible_numbers_are_refused_before_any_work(no_drawing, name, value, first):
     with pytest.raises(InputError, match=rf"1 of 812 Gaussians have {name} .* row 5 \({first}\)"):
-        trim(with_values(name, 5, value), SELECTION, config=CONFIG, renderer=NoRenderer())
+        trim(with_values(name, 5, value), SELECTION, config=CONFIG)
 
 
 def test_ordinary_scenes_and_empty_ones_pass():
@@ -70,18 +68,18 @@ def test_ordinary_scenes_and_empty_ones_pass():
 @pytest.mark.parametrize(
     ("factor", "said"), [(1e30, "812 of 812 .* have means"), (1e-25, "whole scene is .* scale it up")]
 )
-def test_scenes_in_impossible_units_are_refused(factor, said):
+def test_scenes_in_impossible_units_are_refused(no_drawing, factor, said):
     with pytest.raises(InputError, match=said):
-        trim(scaled(factor), SELECTION, config=CONFIG, renderer=NoRenderer())
+        trim(scaled(factor), SELECTION, config=CONFIG)
 
 
 @pytest.mark.parametrize("log_scale", [60.0, -1e6])
-def test_objects_of_impossible_sizes_are_refused(log_scale):
+def test_objects_of_impossible_sizes_are_refused(no_drawing, log_scale):
     scene = SCENE.replace(log_scales=np.full_like(SCENE.log_scales, log_scale))
     if log_scale < 0:
         scene = scene.replace(means=np.where(TRUTH[:, None], np.float32(1), SCENE.means))
     with pytest.raises(InputError, match=r"The selected object is .* units large, .* select others, or scale the sc"):
-        trim(scene, TRUTH, config=CONFIG, renderer=NoRenderer())
+        trim(scene, TRUTH, config=CONFIG)
 
 
 @pytest.mark.parametrize("exponent", [-45, 45])

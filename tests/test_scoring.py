@@ -9,7 +9,6 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.evaluation.ground_truth import TestView, Truth
 from gaussian_trimmer.evaluation.scoring import HIGHEST_PSNR, Cut, Judge
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.rendering import get_renderer
 
 CAMERA = Camera(np.eye(4), np.array([[40.0, 0, 20], [0, 40, 20], [0, 0, 1]]), 40, 40, "a.png")
 NEAR = gaussian((0, 0, 1), 0.15, opacity=0.98, colour=(0, 0, 1))
@@ -17,7 +16,7 @@ FAR = gaussian((0, 0, 3), 0.9, opacity=0.8, colour=(1, 0, 0))
 
 
 def judge(**rules):
-    return Judge(get_renderer("reference"), **rules)
+    return Judge(**rules)
 
 
 def view(coverage, image=None):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import reference
 from scenes import gaussian
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
@@ -15,7 +16,6 @@ from gaussian_trimmer.geometry.split import (
     split_principal_axis,
     split_sagd,
 )
-from gaussian_trimmer.rendering.reference import ReferenceRenderer
 
 T = np.linspace(-12, 12, 24001)
 STEP = T[1] - T[0]
@@ -165,9 +165,7 @@ def test_a_split_seen_edge_on_cuts_the_picture_and_keeps_the_scene():
     parent = gaussian(mean=(0, 0, 0), scale=(0.5, 0.3, 0.4), quaternion=(0.9, 0, 0, 0.3), opacity=0.5)
     normals, offsets = np.array([[1.0, 0.0, 0.0]]), np.zeros(1)  # The plane x = 0 holds the camera.
     inside, outside = split_plane(parent, normals, offsets)
-    whole, half, both = (
-        ReferenceRenderer().render(g, camera).alpha for g in (parent, inside, concatenate([inside, outside]))
-    )
+    whole, half, both = (reference.render(g, camera).alpha for g in (parent, inside, concatenate([inside, outside])))
     # x points right in the picture, so its right half is inside.
     assert np.abs(both - whole).max() < 0.2 * whole.max()
     assert half[:, :48].sum() < 0.08 * whole.sum()

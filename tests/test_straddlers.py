@@ -6,10 +6,8 @@ from toy import accepted_view, gaussians
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.trimming.straddlers import BoundaryConfig, contour_pixels, find_straddlers, signed_distance
 
-RENDERER = get_renderer("reference")
 SIZE = 64
 UP = np.array([0.0, -1, 0])
 CAMERA = Camera(look_at(np.array([0.0, 0, -4]), np.zeros(3), UP), intrinsics(0.9, SIZE, SIZE), SIZE, SIZE)
@@ -26,7 +24,7 @@ def needle(x=0.0, y=0.0, scales=(0.3, 0.08, 0.08)):
 
 def straddlers(thing, masks=(LEFT,), cameras=(CAMERA,)):
     views = [accepted_view(camera, mask) for camera, mask in zip(cameras, masks, strict=True)]
-    return find_straddlers(thing, np.ones(len(thing), np.bool_), views, RENDERER, BoundaryConfig())
+    return find_straddlers(thing, np.ones(len(thing), np.bool_), views, BoundaryConfig())
 
 
 def square_mask():
@@ -106,7 +104,7 @@ def test_a_mask_without_contour_has_no_straddlers(value):
 def test_only_candidates_straddle():
     pair = concatenate([needle(0.05), needle(0.05, 0.5)])
     views = [accepted_view(CAMERA, LEFT)]
-    found = find_straddlers(pair, np.array([False, True]), views, RENDERER, BoundaryConfig())
+    found = find_straddlers(pair, np.array([False, True]), views, BoundaryConfig())
     assert found.rows.tolist() == [1]
 
 

@@ -11,7 +11,7 @@ from command_line import run, save_ball
 import gaussian_trimmer as gt
 from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selecting.marks import Rows, Stroke
 from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
 from gaussian_trimmer.selecting.row_packing import pack_rows
@@ -19,7 +19,6 @@ from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.trimming.refinement import Pieces
 from gaussian_trimmer.trimming.stroke_cuts import StrokeCut, cut_at_stroke
 
-RENDERER = get_renderer("numba")
 CAMERA = toy.camera_at((0, -8, 1))
 LEFT = Stroke(Viewpoint(CAMERA), ((0.0, 0.0), (0.47, 0.0), (0.47, 1.0), (0.0, 1.0)))
 """The left half of the ball, but for a strip."""
@@ -28,13 +27,13 @@ LEFT = Stroke(Viewpoint(CAMERA), ((0.0, 0.0), (0.47, 0.0), (0.47, 1.0), (0.0, 1.
 def under(gaussians, mask=None):
     """Opacity at the pixels of a mask, those of `LEFT` unless others are given."""
     mask = np.arange(CAMERA.width) < 0.47 * CAMERA.width if mask is None else mask
-    return float(RENDERER.render(gaussians, CAMERA).alpha[:, mask].sum())
+    return float(render(gaussians, CAMERA).alpha[:, mask].sum())
 
 
 def cut_up(gaussians, pieces, spared):
     """What is left of Gaussians, of which some are pieces, and what is cut off."""
     whole = Pieces.of(gaussians, np.arange(len(gaussians)))
-    return cut_at_stroke(replace(whole, part=np.array(pieces)), cut(spared), RENDERER)
+    return cut_at_stroke(replace(whole, part=np.array(pieces)), cut(spared))
 
 
 def cut(spared):
@@ -50,8 +49,8 @@ def test_what_crosses_the_edge_of_a_stroke_is_split_there_and_nothing_is_lost():
     assert under(made.gaussians.select(made.source < 2)) < 0.15 * under(wide.select(slice(0, 2)))
     right = np.arange(CAMERA.width) > 0.55 * CAMERA.width
     assert under(made.gaussians, right) == pytest.approx(under(wide, right), rel=0.05)
-    whole = RENDERER.render(concatenate([made.gaussians, off.gaussians]), CAMERA).alpha
-    assert np.abs(whole - RENDERER.render(wide, CAMERA).alpha).mean() < 0.02
+    whole = render(concatenate([made.gaussians, off.gaussians]), CAMERA).alpha
+    assert np.abs(whole - render(wide, CAMERA).alpha).mean() < 0.02
 
 
 def test_parts_under_a_stroke_go_and_whole_gaussians_there_stay():

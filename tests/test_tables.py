@@ -15,7 +15,7 @@ TABLE = ScoreTable(
     "A 50 % test_title",
     ["view", "IoU (%)", "fidelity (dB)", "note"],
     [["a_1.png", BeforeAfter(90.0, 95.123456), 60.0, "x, y"], ["mean", BeforeAfter(None, 95.0), None, "R&D"]],
-    ["renderer: numba", "mask: alpha > 0.5"],
+    ["faces: none", "mask: alpha > 0.5"],
 )
 FLAT = {"view": "a_1.png", "IoU (%) before": 90.0, "IoU (%) after": 95.1235, "fidelity (dB)": 60.0, "note": "x, y"}
 
@@ -23,7 +23,7 @@ FLAT = {"view": "a_1.png", "IoU (%) before": 90.0, "IoU (%) after": 95.1235, "fi
 def test_text_is_a_markdown_table_with_title_and_notes():
     lines = TABLE.as_markdown().splitlines()
     rows = [line for line in lines if line.startswith("|")]
-    assert lines[0] == "A 50 % test_title" and lines[-2:] == ["renderer: numba", "mask: alpha > 0.5"]
+    assert lines[0] == "A 50 % test_title" and lines[-2:] == ["faces: none", "mask: alpha > 0.5"]
     assert "90.00 -> 95.12" in rows[2] and "- -> 95.00" in rows[3]
     assert len({len(row) for row in rows}) == 1 and set(rows[1]) == {"|", " ", "-", ":"}
 
@@ -39,7 +39,7 @@ def test_csv_and_json_have_a_column_for_each_number_and_csv_nothing_else():
 
 def test_latex_escapes_what_it_would_obey_and_shows_intervals():
     lines = TABLE.as_latex().splitlines()
-    assert lines[:3] == ["% A 50 % test_title", "% renderer: numba", "% mask: alpha > 0.5"]
+    assert lines[:3] == ["% A 50 % test_title", "% faces: none", "% mask: alpha > 0.5"]
     assert lines[3] == r"\begin{tabular}{lrrr}" and lines[-1] == r"\end{tabular}"
     assert lines[5] == r"view & IoU (\%) & fidelity (dB) & note \\"
     assert lines[7] == r"a\_1.png & $90.00$ $\to$ $95.12$ & $60.00$ & x, y \\"

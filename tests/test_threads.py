@@ -4,7 +4,6 @@ import hashlib
 import os
 import subprocess
 import sys
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
@@ -15,8 +14,7 @@ import pytest
 from toy import TightMasks, ball_on_floor, dilated, small_config, two_balls
 
 from gaussian_trimmer.geometry.neighbours import nearest
-from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
+from gaussian_trimmer.rendering import blend_values, blend_weights, render, top_contributors
 from gaussian_trimmer.trimming.config import SplitConfig
 from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim, trim_objects
@@ -41,15 +39,14 @@ def ball_and_view():
 
 
 def rendered():
-    """What the renderer's kernels make of the toy scene."""
+    """What the kernels make of the toy scene."""
     scene, truth, camera = ball_and_view()
-    renderer = get_renderer("numba")
-    shown = renderer.render(scene, camera)
+    shown = render(scene, camera)
     labels = (shown.alpha > 0.5).astype(np.uint8)
     pixels = np.argwhere(labels)[::7, ::-1]
     return digest([
-        shown.rgb, shown.alpha, shown.depth, renderer.blend_values(scene, camera, truth[:, None].astype(np.float32)),
-        renderer.blend_weights(scene, camera, labels, 2), *renderer.top_contributors(scene, camera, pixels, 5),
+        shown.rgb, shown.alpha, shown.depth, blend_values(scene, camera, truth[:, None].astype(np.float32)),
+        blend_weights(scene, camera, labels, 2), *top_contributors(scene, camera, pixels, 5),
     ])  # fmt: skip
 
 
@@ -127,33 +124,6 @@ def test_one_and_two_threads_agree(work, threads):
         threads(n)
         results.add(work())
     assert len(results) == 1
-
-
-class Watched(NumbaRenderer):
-    """A renderer that notes in which threads it is called."""
-
-    def __init__(self):
-        super().__init__()
-        self.threads = set()
-
-    def render(self, *arguments, **options):
-        self.threads.add(threading.get_ident())
-        return super().render(*arguments, **options)
-
-
-class Shared(Watched):
-    thread_safe = True
-
-
-@pytest.mark.parametrize("renderer", [Watched, Shared])
-def test_a_renderer_of_ones_own_stays_in_one_thread_unless_it_says_otherwise(renderer, threads):
-    if numba.config.NUMBA_NUM_THREADS < 2:
-        pytest.skip("Numba was started with one thread.")
-    threads(2)
-    scene, *masks = two_balls()
-    watched = renderer()
-    trim_objects(scene, masks, config=small_config(plan=PlanConfig(size=96)), renderer=watched)
-    assert (watched.threads == {threading.get_ident()}) == (renderer is Watched)
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scenes import front_camera, random_scene
 
-from gaussian_trimmer.rendering import numba_cpu, numba_kernels
+from gaussian_trimmer.rendering import blend_weights, numba_kernels, render, tile_renderer
 
 pytestmark = [
     pytest.mark.slow,
@@ -51,18 +51,17 @@ def products_by_block(assembly, with_minima):
 
 @cache
 def assembly_of_blending():
-    """The machine code for all types that the renderer calls the kernel with."""
+    """The machine code for all types that drawing calls the kernel with."""
     kernel = recompiled(numba_kernels.blend_tiles)
     gaussians, camera = random_scene(0, 40), front_camera(48, 32)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(numba_cpu, "blend_tiles", kernel)
-        renderer = numba_cpu.NumbaRenderer()
-        renderer.render(gaussians, camera)
-        renderer.blend_weights(gaussians, camera, np.zeros((32, 48), np.uint8), 2)
+        patch.setattr(tile_renderer, "blend_tiles", kernel)
+        render(gaussians, camera)
+        blend_weights(gaussians, camera, np.zeros((32, 48), np.uint8), 2)
     return [kernel.inspect_asm(signature) for signature in kernel.signatures]
 
 
-def test_the_renderer_blends_with_the_code_that_is_inspected():
+def test_drawing_blends_with_the_code_that_is_inspected():
     assert len(assembly_of_blending()) >= 1
 
 

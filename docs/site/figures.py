@@ -28,7 +28,7 @@ from gaussian_trimmer.output.pictures import (
     draw_view,
     write_picture,
 )
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import blend_values, render
 from gaussian_trimmer.rendering.gradients import draw
 from gaussian_trimmer.trimming.alpha_targets import OutlineViews, coverage_target
 from gaussian_trimmer.trimming.result import RowLabel, TrimResult
@@ -93,7 +93,7 @@ def _map(result: TrimResult) -> FloatArray:
 def _augmentation(result: TrimResult) -> Picture:
     """A view of the selection alone, and with the Gaussians around it."""
     view = result.views[0].view
-    alone = result.used_renderer.render(result.scene.select(result.selection), view.camera, BACKDROP).rgb
+    alone = render(result.scene.select(result.selection), view.camera, BACKDROP).rgb
     around = view.rgb + (1 - view.alpha)[..., None] * BACKDROP
     cells = [("the selection alone", _small(alone)), ("with the Gaussians around it (BA)", _small(around))]
     return row_of_pictures(cells)
@@ -124,8 +124,8 @@ def _evidence(result: TrimResult) -> Picture:
     for i in (0, 1, 2):
         camera = _close_up(result.views[i].view.camera, result.bounds)
         rows = result.selection | result.object_mask
-        shown = result.used_renderer.blend_values(result.scene.select(rows), camera, colours[rows])
-        alpha = result.used_renderer.render(result.scene.select(rows), camera).alpha
+        shown = blend_values(result.scene.select(rows), camera, colours[rows])
+        alpha = render(result.scene.select(rows), camera).alpha
         cells.append((f"view {i}: kept, removed, added", shown + (1 - alpha)[..., None]))
     return row_of_pictures(cells)
 
@@ -157,7 +157,7 @@ def _splitting() -> Picture:
     )
     both = concatenate([inside, outside])
     named = [("parent", parent), ("inside child", inside), ("outside child", outside), ("both children", both)]
-    cells = [(name, get_renderer("reference").render(g, camera, BACKDROP).rgb) for name, g in named]
+    cells = [(name, render(g, camera, BACKDROP).rgb) for name, g in named]
     return row_of_pictures(cells)
 
 

@@ -30,7 +30,7 @@ from gaussian_trimmer.cli import main as run
 from gaussian_trimmer.finding.plan import draw_plan
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.output.pictures import Picture, as_picture, captioned, draw_gaussians
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
 ROOT = Path(__file__).parents[2]
@@ -93,9 +93,8 @@ def _draw_around(folder: Path, up: Float64Array, plan: PlanConfig, before: str, 
     """What was given, the object of a trim and the scene without it, side by side from around the object."""
     trimmed, background = gt.read(folder / "object.ply"), gt.read(folder / "background.ply")
     shown = {before: given, "trimmed object": trimmed, "the scene without it": background}
-    renderer = get_renderer("auto")
     return [
-        np.hstack([captioned(name, draw_gaussians(scene, camera, renderer)) for name, scene in shown.items()])
+        np.hstack([captioned(name, draw_gaussians(scene, camera)) for name, scene in shown.items()])
         for camera in plan_cameras(trimmed, up, plan)[0]
     ]
 
@@ -105,7 +104,7 @@ def _draw_found() -> None:
     from flats import make_flat
 
     found = gt.find_objects(make_flat(*FLAT).gaussians, up="z")
-    _write("plan.jpg", draw_plan(found, get_renderer("auto")))
+    _write("plan.jpg", draw_plan(found))
 
 
 def _draw_emptied() -> None:
@@ -114,11 +113,11 @@ def _draw_emptied() -> None:
 
     room, lens = make_room("furnished"), intrinsics(np.radians(64), WIDTH // 2, 400)
     eye, target = np.array([-1.9, 3.2, 1.55]), np.array([0.4, 0.4, 0.8])
-    camera, renderer = Camera(look_at(eye, target, UP), lens, WIDTH // 2, 400), get_renderer("auto")
+    camera = Camera(look_at(eye, target, UP), lens, WIDTH // 2, 400)
     things = {name: room.labels[:, room.names.index(name)] > 0 for name in EMPTIED}
     result = gt.trim_objects(room.gaussians, things, cameras=room.training, up="z")
     scenes = {"the room": room.gaussians, f"without {', '.join(EMPTIED)}": result.background}
-    cells = [captioned(name, as_picture(renderer.render(scene, camera).rgb)) for name, scene in scenes.items()]
+    cells = [captioned(name, as_picture(render(scene, camera).rgb)) for name, scene in scenes.items()]
     _write("emptied.jpg", np.hstack(cells))
 
 

@@ -42,7 +42,7 @@ class Gaussians:
     sh_rest: FloatArray
     """Coefficients of degrees 1 to 3, channel-major as in the PLY's f_rest, (N, 3, 0 | 3 | 8 | 15)."""
     extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    """Columns that the renderer does not use, by name, each (N,): kept so that they can be read and passed on."""
+    """Columns that drawing does not use, by name, each (N,): kept so that they can be read and passed on."""
     format_up: tuple[float, float, float] | None = None
     """Where up points by the specification of the format that they were read from, if it has one."""
 

@@ -23,7 +23,7 @@ _MOST_AT_ONCE = 4
 
 
 def is_thread_safe(plug_in: object) -> bool:
-    """Return whether a renderer or segmenter may be called from several threads at once: its own class, or it, says so.
+    """Return whether a segmenter may be called from several threads at once: its own class, or it, says so.
 
     What a class inherits does not count, since a subclass may keep what it should not.
     """
@@ -55,7 +55,7 @@ def parallel_for(work: Callable[[int, int], Any], n: int, at_most: int | None = 
         other.result()
 
 
-def parallel_map(work: Callable[..., Made], *items: Iterable[Any], using: Iterable[object] = ()) -> Iterator[Made]:
+def parallel_map(work: Callable[..., Made], *items: Iterable[Any]) -> Iterator[Made]:
     """Like `map`, but computed ahead on a few threads, among which those of `parallel_for` are shared.
 
     A whole view on each thread keeps two cores twice as busy as halves of one view do: less of the work is Python's.
@@ -63,11 +63,7 @@ def parallel_map(work: Callable[..., Made], *items: Iterable[Any], using: Iterab
     Args:
         work: called with one element of each of the items.
         items: views, objects or whatever else the work is done for, as many of each.
-        using: renderers and segmenters that the work calls. If one is not thread-safe, it all stays in this thread.
     """
-    if not all(map(is_thread_safe, using)):
-        yield from map(work, *items)
-        return
     threads = _numba().get_num_threads()
     if threads == 1 or getattr(_here, "in_worker_thread", False):
         yield from map(work, *items)

@@ -139,9 +139,9 @@ class Controller:
 
         def work() -> str:
             now = self.session.now
-            result, renderer = files.fresh_result(now), now.document.renderer
+            result = files.fresh_result(now)
             if self._doubted is not result:
-                self._doubted, self._doubts = result, cycle(doubts(result, renderer))
+                self._doubted, self._doubts = result, cycle(doubts(result))
             said, away = next(self._doubts, ("Nothing is to be doubted.", None))
             if away is not None:
                 centre = result.only.bounds.centre
@@ -244,7 +244,7 @@ class Controller:
         """Let all tabs look from the first view of the scene, up being up."""
         document, up = self.session.document, self.session.now.up.direction
         self._view.show_up(up)
-        self._start = first_look(document.scene, document.cameras, up, document.renderer)
+        self._start = first_look(document.scene, document.cameras, up)
         for client in (None, *self.jobs.server.get_clients().values()):
             self._view.look(client, *self._start)
 

@@ -15,7 +15,6 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.output.saving import suffix_of
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.selecting.marks import Marks
 from gaussian_trimmer.selecting.view_lookup import resolve_views
 from gaussian_trimmer.trimming.up_vector import UpVector, find_up
@@ -38,7 +37,6 @@ class Document:
     scene: Gaussians
     """N Gaussians."""
     cameras: CameraSet | None
-    renderer: Renderer
 
     @classmethod
     def read(cls, path: Path, camera_path: Path | None, progress: Progress = lambda stage: None) -> Document:
@@ -51,7 +49,7 @@ class Document:
         progress("reading the scene")
         scene = formats.read(formats.find_scene(path))
         check_magnitudes(scene)
-        document = cls(path, None, scene, None, get_renderer(DEFAULT_RENDERER))
+        document = cls(path, None, scene, None)
         progress("reading the cameras")
         return document if camera_path is None else document.with_cameras(camera_path)
 

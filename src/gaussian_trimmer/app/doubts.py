@@ -8,7 +8,7 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.output.checked_sides import checked_sides
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.result import TrimResult
 
 _SOFT = (0.05, 0.5)
@@ -17,7 +17,7 @@ _RISE = 0.3
 """How high a side is looked at from, relative to the distance."""
 
 
-def doubts(result: TrimResult, renderer: Renderer) -> list[tuple[str, Float64Array]]:
+def doubts(result: TrimResult) -> list[tuple[str, Float64Array]]:
     """Return what there is to doubt of a single object, in words, and the direction (3,) from the object to see it."""
     part = result.only
     found = [(view, view.view.camera.centre - part.bounds.centre) for view in part.views]
@@ -27,7 +27,7 @@ def doubts(result: TrimResult, renderer: Renderer) -> list[tuple[str, Float64Arr
         yaw = np.radians(unseen)
         away = np.array([np.cos(yaw), np.sin(yaw), _RISE]) @ part.bounds.axes
         said.append((f"The side seen least: {sides.verdict(unseen)}.", away))
-    alphas = [renderer.render(part.gaussians, view.view.camera).alpha for view, _ in found]
+    alphas = [render(part.gaussians, view.view.camera).alpha for view, _ in found]
     if alphas:
         soft = [((alpha > _SOFT[0]) & (alpha < _SOFT[1])).mean() for alpha in alphas]
         said.append(("The softest edge is seen from here.", found[int(np.argmax(soft))][1]))

@@ -264,9 +264,7 @@ def find(now: Snapshot, progress: Progress = lambda stage: None) -> Change:
         InputError: nothing is found that is sure and not marked yet, or hardly anything shows in the views.
     """
     document = now.document
-    found = find_objects(
-        document.scene, cameras=document.cameras, up=now.up.direction, renderer=document.renderer, progress=progress
-    )
+    found = find_objects(document.scene, cameras=document.cameras, up=now.up.direction, progress=progress)
     kept, blank = ([part for part in now.objects if bool(part.marks) is marked] for marked in (True, False))
     taken = np.any([now.nothing().mask, *(part.mask for part in kept)], axis=0)
     sure = list(found.selections().values())
@@ -327,7 +325,6 @@ def _cut_out(now: Snapshot, part: MarkedObject, choices: TrimChoices, progress: 
         document.scene,
         now.selection_of(part),
         config=choices.config(now.given_up),
-        renderer=document.renderer,
         cameras=document.cameras,
         progress=progress,
     )

@@ -174,7 +174,6 @@ def save(
             document.scene,
             {part.name: now.selection_of(part) for part in parts},
             config=now.object.cut.choices.config(now.given_up),
-            renderer=document.renderer,
             cameras=document.cameras,
             progress=progress,
         )

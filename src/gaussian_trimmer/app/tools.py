@@ -18,6 +18,7 @@ from gaussian_trimmer.app.viewpoints import Place, before_what_shows, pixel_at, 
 from gaussian_trimmer.cameras import Point, Viewpoint, point_of, up_frame
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians, mask_of_rows
+from gaussian_trimmer.rendering import top_contributors
 from gaussian_trimmer.selecting.clicks import NothingFoundError
 from gaussian_trimmer.selecting.marks import Box, Click, Effect, Grow, Mark, Rows, Shrink, Stroke
 from gaussian_trimmer.selecting.row_packing import pack_rows
@@ -147,7 +148,7 @@ class Tools:
         """Return the number of another object that has most of what shows at a place; None if none has."""
         now, small = self._session.now, small_view(view.camera)
         pixel = np.array([pixel_at(Viewpoint(small), place)])
-        rows, weights = now.document.renderer.top_contributors(self._shown(), small, pixel, CONTRIBUTORS)
+        rows, weights = top_contributors(self._shown(), small, pixel, CONTRIBUTORS)
         ours = np.flatnonzero(self._shown_rows())[rows[0][weights[0] > 0]]
         weights = weights[0][weights[0] > 0]
         for part in now.objects:
@@ -175,16 +176,16 @@ class Tools:
         stroke = Stroke(view, gesture.places, radius if sphere or gesture.tool == panels.BRUSH else None)
         through, by_centres = controls.reach.value == panels.THROUGH, sphere or controls.taking.value == panels.CENTRES
         rows, gaussians = np.flatnonzero(self._shown_rows()), self._shown()
-        cuts, renderer = False, now.document.renderer
+        cuts = False
         showing = controls.showing
         if now.object.fresh is not None and (showing.part, showing.when, showing.ghost) == ("Object", "Cut-out", False):
             rows, gaussians = now.object.fresh.only.source_index, now.object.fresh.object
             cuts = effect == "remove" and not through and not by_centres
         if sphere:
-            taken = in_spheres(gaussians, stroke, renderer)
+            taken = in_spheres(gaussians, stroke)
         else:
-            taken = under_stroke(gaussians, stroke, through=through, by_centres=by_centres, renderer=renderer)
-        if not (taken.any() or (cuts and shows_under(gaussians, stroke, renderer))):
+            taken = under_stroke(gaussians, stroke, through=through, by_centres=by_centres)
+        if not (taken.any() or (cuts and shows_under(gaussians, stroke))):
             raise InputError("Nothing that is shown is there; draw over what you see.")
         whole = np.setdiff1d(rows[taken], rows[~taken])  # all of its parts
         packed = pack_rows(mask_of_rows(whole, len(now.document.scene)))
@@ -236,10 +237,10 @@ class Tools:
         shown, document = self._shown(), self._session.document
         if shown is document.scene:
             return view
-        return before_what_shows(shown, view, places, document.renderer)
+        return before_what_shows(shown, view, places)
 
     def _surface_point(self, view: Viewpoint, place: Place) -> Point:
-        (point,) = points_at(self._shown(), view, [place], self._session.document.renderer)
+        (point,) = points_at(self._shown(), view, [place])
         if np.isnan(point).any():
             middle = "in the middle of the picture; turn towards the object, then choose again"
             raise InputError(f"Nothing is seen {middle if place == _SCREEN_MIDDLE else 'there; click on a surface'}.")

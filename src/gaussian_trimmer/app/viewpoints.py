@@ -12,7 +12,6 @@ from gaussian_trimmer.cameras import Camera, CameraSet, Point, Viewpoint, point_
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, rotation_matrices
 from gaussian_trimmer.geometry.bounds import dominant_cluster
-from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selecting.view_lookup import views_to_click_in
 from gaussian_trimmer.surface.viewed_scene import small_view, surface_points
 from gaussian_trimmer.views.standing import stands_in_rooms
@@ -77,15 +76,13 @@ def viewpoint_of(camera: Any, frame: Frame) -> Viewpoint:
     return Viewpoint(Camera(pose, K, width, height, near=max(float(camera.near) / frame.scale, 1e-9)))
 
 
-def first_look(
-    scene: Gaussians, cameras: CameraSet | None, up: Float64Array, renderer: Renderer
-) -> tuple[Point, Point]:
+def first_look(scene: Gaussians, cameras: CameraSet | None, up: Float64Array) -> tuple[Point, Point]:
     """Return from where a scene is looked at first, and at which point.
 
     That is as its first camera does; without cameras, in rooms, as a person who stands where most things are seen, and
     otherwise from outside.
     """
-    if cameras is None and (stands := stands_in_rooms(scene, up, renderer)):
+    if cameras is None and (stands := stands_in_rooms(scene, up)):
         return point_of(stands[0][0]), point_of(stands[0][1])
     camera = cameras.cameras[0] if cameras is not None else views_to_click_in(scene, None, up)[0].camera
     ahead = (scene.means - camera.centre) @ camera.forward
@@ -116,7 +113,7 @@ def pixel_at(view: Viewpoint, place: Place) -> tuple[int, int]:
     return x, y
 
 
-def before_what_shows(gaussians: Gaussians, view: Viewpoint, places: Sequence[Place], renderer: Renderer) -> Viewpoint:
+def before_what_shows(gaussians: Gaussians, view: Viewpoint, places: Sequence[Place]) -> Viewpoint:
     """Return the view without what stands before some of the scene's Gaussians at places of the picture, as `pixel_at`.
 
     The near plane moves up to the first of these Gaussians, so that a mark meant for them, made while others are
@@ -125,14 +122,14 @@ def before_what_shows(gaussians: Gaussians, view: Viewpoint, places: Sequence[Pl
     Raises:
         InputError: none of the Gaussians is seen at these places.
     """
-    depths = view.camera.to_camera(points_at(gaussians, view, places, renderer))[:, 2]
+    depths = view.camera.to_camera(points_at(gaussians, view, places))[:, 2]
     if np.isnan(depths).all():
         raise InputError("Nothing that is shown is there; click on what you see.")
     depth = float(np.nanmin(depths))
     return Viewpoint(replace(view.camera, near=max(view.camera.near, _BEFORE_SURFACE * depth)))
 
 
-def points_at(gaussians: Gaussians, view: Viewpoint, places: Sequence[Place], renderer: Renderer) -> Float64Array:
+def points_at(gaussians: Gaussians, view: Viewpoint, places: Sequence[Place]) -> Float64Array:
     """Return the points that show at places of the picture, as `pixel_at`, (P, 3); NaN where nothing is seen."""
     small = small_view(view.camera)
-    return surface_points(gaussians, small, np.array([pixel_at(Viewpoint(small), place) for place in places]), renderer)
+    return surface_points(gaussians, small, np.array([pixel_at(Viewpoint(small), place) for place in places]))

@@ -56,7 +56,6 @@ def fingerprint(
         "html": item.html,
         "placing": to_plain(item.placing),
         "config": to_plain(item.config),
-        "renderer": item.renderer,
         "segmenter": item.segmenter,
         "segmenter_options": to_plain(options, writers),
         "selection_options": to_plain(item.selection_options, writers),

@@ -13,7 +13,6 @@ from gaussian_trimmer.io.writing import safe_file_name
 from gaussian_trimmer.masks import DEFAULT_SEGMENTER, SEGMENTERS, options_kind
 from gaussian_trimmer.output.placing import PlacingOptions
 from gaussian_trimmer.output.saving import suffix_of
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import check_settings
 from gaussian_trimmer.trimming.config import TrimConfig
@@ -51,7 +50,6 @@ class Item:
     segmenter: str = DEFAULT_SEGMENTER
     segmenter_options: Any = None
     """The options of that segmenter, an instance of its dataclass; None: its defaults."""
-    renderer: str = DEFAULT_RENDERER
     selection_options: SelectionOptions = field(default_factory=SelectionOptions)
 
     def __post_init__(self) -> None:
@@ -158,8 +156,6 @@ def _check_settings(item: Item, known: set[int]) -> None:
     """Refuse settings that are not possible; `known` are the ids of those that are, as many items share them."""
     if item.segmenter not in SEGMENTERS:
         raise InputError(f"Unknown segmenter '{item.segmenter}'; available: {', '.join(SEGMENTERS)}.")
-    if item.renderer not in RENDERER_CHOICES:
-        raise InputError(f"Unknown renderer '{item.renderer}'; available: {', '.join(RENDERER_CHOICES)}.")
     kind = options_kind(item.segmenter)
     if item.segmenter_options is not None:
         if kind is None or not isinstance(item.segmenter_options, kind):

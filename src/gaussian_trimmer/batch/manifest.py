@@ -188,7 +188,6 @@ class _Rows:
             config=config if up is None else replace(config, up=up),
             segmenter=chosen.segmenter,
             segmenter_options=chosen.used_options(),
-            renderer=chosen.renderer,
             selection_options=chosen.selection_options,
         )
         items = [item] if labels is None else self._objects(item, row.get("objects"))

@@ -22,7 +22,6 @@ from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.masks import get_segmenter
 from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.output.saving import write_trim
-from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.selection_input import read_selection_result
 from gaussian_trimmer.settings import to_plain
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
@@ -159,7 +158,6 @@ def trim_item(scene: Gaussians, item: Item, cameras: CameraSet | None) -> TrimRe
         cameras=cameras,
         camera_path=None if item.cameras is None else Path(item.cameras),
         up=item.config.up,
-        renderer=item.renderer,
     )
     if item.selection is not None:
         refuse_whole_scene(selection.mask, item.selection, item.scene)
@@ -169,7 +167,6 @@ def trim_item(scene: Gaussians, item: Item, cameras: CameraSet | None) -> TrimRe
         scene,
         selection,
         config=item.config,
-        renderer=get_renderer(item.renderer),
         segmenter=segmenter,
         cameras=cameras,
         view_cameras=views_of_masks(segmenter, cameras, item.config),

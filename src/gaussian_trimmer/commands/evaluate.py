@@ -26,7 +26,7 @@ from gaussian_trimmer.evaluation.tables import Cell, ScoreTable, heading, known_
 from gaussian_trimmer.gaussians import FloatArray, Gaussians
 from gaussian_trimmer.masks.mask_files import cameras_with_masks, find_mask
 from gaussian_trimmer.options import Positional, arg
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import Share, check_settings
 
@@ -37,8 +37,6 @@ class RuleOptions:
 
     threshold: Share = 0.5
     """Opacity above which a rendered pixel belongs to the object."""
-    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
-    """What renders the views."""
     clip: Annotated[str | None, arg(metavar="MODEL")] = None
     """Also score the object's look by CLIP-IQA, with this CLIP model: a folder, or a name on the Hugging Face hub."""
 
@@ -49,7 +47,7 @@ class RuleOptions:
             InputError: a rule is not possible, or what it needs is missing.
         """
         check_settings(self)
-        return Judge(get_renderer(self.renderer), self.threshold, ClipScorer(self.clip) if self.clip else None)
+        return Judge(self.threshold, ClipScorer(self.clip) if self.clip else None)
 
 
 @dataclass(frozen=True)
@@ -121,7 +119,7 @@ class Evaluate:
             then = judge.score(judge.show(before, view.camera), view) if before else {}
             now = judge.score(judge.show(result.cut, view.camera), view)
             if result.cut.background is not None:
-                now |= judge.fidelity(result.cut, view.camera, judge.renderer.render(scene, view.camera).rgb)
+                now |= judge.fidelity(result.cut, view.camera, render(scene, view.camera).rgb)
             scored.append((clip_name(view.camera.name), then, now))
         notes = [judge.describe(), f"views: {len(found)}, those of {len(cameras)} cameras with a mask; mean over views"]
         notes.append(made_by())
@@ -161,7 +159,7 @@ class Evaluate:
         seen = {camera.name for folder in folders for camera in cameras_with_masks(cameras, folder)}
         views = [camera for camera in cameras if camera.name in seen]
         found = read_objects(self.result, scene, self.objects, self.selection_options)
-        scores = compare_objects(scene, list(found.values()), _truths(views, folders), judge.renderer)
+        scores = compare_objects(scene, list(found.values()), _truths(views, folders))
         counts = scores.counts()
         notes = [
             f"found: IoU of at least {100 * FOUND_IOU:.0f}, over the pixels of all views together",

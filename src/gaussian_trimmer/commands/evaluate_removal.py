@@ -21,7 +21,7 @@ from gaussian_trimmer.evaluation.tables import Cell, ScoreTable
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.masks.mask_files import cameras_with_masks
 from gaussian_trimmer.options import Positional, arg
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.settings import Range, check_settings
 
 _COLUMNS = ("PSNR (dB)", "SSIM")
@@ -50,8 +50,6 @@ class EvaluateRemoval:
     """Folders of masks of other objects, whose pixels do not count."""
     grow: Annotated[int, Range(0, 100)] = 6
     """By how many pixels the masks are grown."""
-    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
-    """What renders the views."""
     trust_paths: bool = False
     """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
     quiet: bool = False
@@ -68,7 +66,7 @@ class EvaluateRemoval:
         self.tables.publish(self._measure, open_console(quiet=self.quiet))
 
     def _measure(self) -> Findings:
-        renderer, background = get_renderer(self.renderer), read_background(self.result)
+        background = read_background(self.result)
         cameras = read_cameras_of(self.result, self.cameras, trust_paths=self.trust_paths).pinhole_cameras()
         check_folders(self.images)
         pictured = cameras_with_masks(cameras, self.without)
@@ -77,7 +75,7 @@ class EvaluateRemoval:
         for view in views:
             region = covered(view, self.grow)
             counted = region & view.alone.counted
-            pictures = [renderer.render(background, view.camera).rgb, *self._inpainted(view, region)]
+            pictures = [render(background, view.camera).rgb, *self._inpainted(view, region)]
             scores = [likeness(picture, view, counted) or (None, None) for picture in pictures]
             rows.append([clip_name(view.camera.name), int(np.count_nonzero(counted)), *(c for s in scores for c in s)])
         rows.append(["mean", None, *map(_mean, list(zip(*rows, strict=True))[2:])])
@@ -86,7 +84,7 @@ class EvaluateRemoval:
         notes = [
             f"pixels of the object's mask > 0.5, grown by {self.grow}{ignored}",
             f"views: {len(found)}, those of {len(cameras)} cameras with a picture and a mask; mean over views",
-            f"SSIM in a window of 11 pixels; renderer: {renderer.name}",
+            "SSIM in a window of 11 pixels",
             *([f"inpainting: OpenCV's after Telea, radius {INPAINT_RADIUS:g}"] if self.images else []),
             made_by(),
         ]

@@ -25,7 +25,6 @@ from gaussian_trimmer.finding.saving import FOUND_FILES, write_found
 from gaussian_trimmer.io.manifest import is_made_of
 from gaussian_trimmer.io.writing import atomic_folder, safe_file_name
 from gaussian_trimmer.options import arg
-from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.trimming.trim_options import TrimOptions
 from gaussian_trimmer.trimming.up_vector import UpVector, find_up
@@ -92,7 +91,7 @@ class Objects:
             source=scene_file,
             overwrite=overwrite or is_made_of(folder, scene_file),
         )
-        renderer, start = get_renderer(self.options.renderer), time.perf_counter()
+        start = time.perf_counter()
         with found_files as part, progress_over_stages(console) as stage:
             stage("read")
             scene, cameras = self.inputs.read(self.options, console)
@@ -103,11 +102,10 @@ class Objects:
                 cameras=cameras,
                 up=up,
                 config=self.find,
-                renderer=renderer,
                 progress=stage,
             )
             stage("write")
-            document = write_found(found, part, renderer, command=self._next_command(), names=names)
+            document = write_found(found, part, command=self._next_command(), names=names)
             if sure := [str(one.id) for one in found if one.sure and one.kind == "object"]:
                 write_manifest([self._batch_row(sure, folder, up)], part / FOUND_OBJECTS)
         _print_found(console, found, names, folder / "objects.csv")

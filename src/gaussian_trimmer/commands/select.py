@@ -22,7 +22,7 @@ from gaussian_trimmer.io.manifest import is_made_of
 from gaussian_trimmer.io.writing import atomic_folder, save_array
 from gaussian_trimmer.options import arg
 from gaussian_trimmer.output.pictures import as_picture, with_grid, write_picture
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selecting.lifting import lift_id_masks
 from gaussian_trimmer.selecting.marks import FromMasks, Mark, Marks
 from gaussian_trimmer.selecting.marks_file import read_marks
@@ -134,7 +134,7 @@ class Select:
         scene, cameras = self.inputs.read(self.options, console)
         if self.object_ids:
             assert self.masks is not None, "checked before"
-            labels, n_masks = lift_id_masks(scene, cameras, self.masks, get_renderer(self.options.renderer), self.gamma)
+            labels, n_masks = lift_id_masks(scene, cameras, self.masks, self.gamma)
             if not labels.any():
                 raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
             save_array(labels, self.selection_path)
@@ -144,7 +144,7 @@ class Select:
         up = find_up(scene, cameras, self.options.config.up)
         print_up(console, up)
         marks, model = self._resolved(scene, cameras, up), self.options.promptable_model()
-        made = select(scene, marks, cameras=cameras, renderer=self.options.renderer, model=model)
+        made = select(scene, marks, cameras=cameras, model=model)
         save_selection(made, self.selection_path, self.inputs.scene)
         ends = np.percentile(scene.means[made.mask] @ up_frame(up.direction).T, _END_PERCENTILES, axis=0)
         size, understood = in_lengths(np.ptp(ends, axis=0)), ", ".join(made.interpretations)
@@ -214,10 +214,10 @@ class Select:
             folder, _LISTING, names=["[0-9][0-9][0-9].png"], source=scene_file, overwrite=overwrite
         ) as part:
             scene, cameras = self.inputs.read(self.options, console)
-            up, renderer = find_up(scene, cameras, self.options.config.up), get_renderer(self.options.renderer)
+            up = find_up(scene, cameras, self.options.config.up)
             overview = self._overview(scene, cameras, up)
             for number, view in enumerate(overview.views):
-                picture = as_picture(renderer.render(scene.select(drawn_rows(scene.means, view)), view.camera).rgb)
+                picture = as_picture(render(scene.select(drawn_rows(scene.means, view)), view.camera).rgb)
                 write_picture(with_grid(picture) if self.grid else picture, part / f"{number:03d}.png")
         self.results.printing.print_json({"views": len(overview.views)}, (folder, _LISTING))
         print_up(console, up)

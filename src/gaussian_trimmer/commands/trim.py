@@ -20,7 +20,6 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.options import Names, Positional, arg
-from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.lifting import lift_id_masks
 from gaussian_trimmer.selecting.selection_input import read_selection, read_selection_result
 from gaussian_trimmer.selecting.selection_result import SelectionResult
@@ -151,10 +150,10 @@ class Trim:
 
     def _selected(self, scene: Gaussians, cameras: CameraSet | None, console: Console) -> SelectionResult:
         """Return what SELECTION and marks select."""
-        options, renderer = self.selection_options, self.options.renderer
+        options = self.selection_options
         if options.query_point is not None:
             views: list[str | int] = [*self.marks.view, *self.marks.view_index]
-            options = with_query_row(options, scene, views[0] if views else None, cameras, get_renderer(renderer))
+            options = with_query_row(options, scene, views[0] if views else None, cameras)
         return read_selection_result(
             self.selection,
             scene,
@@ -163,7 +162,6 @@ class Trim:
             cameras=cameras,
             camera_path=self.inputs.cameras,
             up=self.options.config.up,
-            renderer=renderer,
             say=console.print,
         )
 
@@ -172,7 +170,7 @@ class Trim:
         assert self.labels is not None
         if not self.labels.is_dir():
             return load_objects(self.labels, scene, self.objects, self.selection_options)
-        labels, _ = lift_id_masks(scene, cameras, self.labels, get_renderer(self.options.renderer))
+        labels, _ = lift_id_masks(scene, cameras, self.labels)
         present = [int(number) for number in np.unique(labels) if number > 0]
         if absent := sorted(set(self.objects) - set(present)):
             raise InputError(f"The masks in '{self.labels}' show no object {absent[0]}; they show {present[:24]}.")

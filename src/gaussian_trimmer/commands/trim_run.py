@@ -32,7 +32,6 @@ from gaussian_trimmer.output.html.report_page import REPORT, sentence_of
 from gaussian_trimmer.output.placing import PlacingOptions
 from gaussian_trimmer.output.report import describe, object_entries
 from gaussian_trimmer.output.saving import PICTURE, RESULTS, result_files, write_trim
-from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.selecting.marks import Click
 from gaussian_trimmer.selecting.marks_file import write_marks
 from gaussian_trimmer.selecting.selection_result import SelectionResult
@@ -179,17 +178,15 @@ class TrimRun:
         console: Console,
     ) -> tuple[dict[str, Any], list[str]]:
         """Trim and write the results to a folder; return the report, and what to say of the files."""
-        renderer, segmenter = get_renderer(self.options.renderer), self.options.make_segmenter()
+        segmenter = self.options.make_segmenter()
         views = views_of_masks(segmenter, selected.cameras, self.options.settings())
         if self.results.photos is not None:
-            views, segmenter = self._photo_views(selected, self.results.photos, segmenter, renderer)
-        if renderer.name == "numba":
-            announce_compiling(console)
+            views, segmenter = self._photo_views(selected, self.results.photos, segmenter)
+        announce_compiling(console)
         result = trim_objects(
             selected.scene,
             selected.selections,
             config=self._settings(selected.up),
-            renderer=renderer,
             segmenter=segmenter,
             cameras=selected.cameras,
             view_cameras=views,
@@ -223,7 +220,7 @@ class TrimRun:
         }  # fmt: skip
 
     def _photo_views(
-        self, selected: SelectedScene, photos: Path, segmenter: Segmenter, renderer: Renderer
+        self, selected: SelectedScene, photos: Path, segmenter: Segmenter
     ) -> tuple[list[Camera], Segmenter]:
         """Return crops of the training pictures that show the object best, and the segmenter that is shown these."""
         if selected.cameras is None or hasattr(segmenter, "own_cameras"):
@@ -235,7 +232,7 @@ class TrimRun:
         up = find_up(selected.scene, selected.cameras, settings.up, selection)
         bounds = robust_bounds(selected.scene.select(selection), up_frame(up.direction))
         number = self.options.views or max(settings.plan.views, _USUAL_PHOTOS)
-        share = partial(visible_share, selected.scene, selection, renderer=renderer)
+        share = partial(visible_share, selected.scene, selection)
         views = photo_views(known, bounds, number, settings.plan.size, settings.plan.fill, share)
         if not views:
             raise InputError(f"None of the {len(known)} cameras with pictures in '{photos}' sees the object.")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import blend_values
 from gaussian_trimmer.views.view import HALF
 
 FOUND_IOU, _MATCHING_IOU = 0.8, 0.5
@@ -96,7 +96,6 @@ def compare_objects(
     scene: Gaussians,
     objects: Sequence[BoolArray],
     views: Iterable[tuple[Camera, Sequence[FloatArray]]],
-    renderer: Renderer,
 ) -> PanopticScores:
     """Compare the objects that were found with the true ones, over all views.
 
@@ -106,7 +105,6 @@ def compare_objects(
         scene: all N Gaussians.
         objects: those that were found, (N,) each.
         views: cameras, with the coverage (H, W) of each true object, 0 to 1; at least one.
-        renderer: draws the views.
     """
     cells: IntArray | int = 0
     size = (1, 1)
@@ -115,7 +113,7 @@ def compare_objects(
             np.stack(objects[start : start + _OBJECTS_PER_PASS], axis=1).astype(np.float32)
             for start in range(0, len(objects), _OBJECTS_PER_PASS)
         ]
-        shares = [renderer.blend_values(scene, camera, part) for part in parts]
+        shares = [blend_values(scene, camera, part) for part in parts]
         found = _labels(np.concatenate(shares, axis=2)) if shares else np.zeros((camera.height, camera.width), np.int64)
         size = len(coverages) + 1, len(objects) + 1
         pairs = _labels(np.stack(coverages, axis=2)) * size[1] + found

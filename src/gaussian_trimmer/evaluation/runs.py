@@ -12,7 +12,7 @@ from gaussian_trimmer.evaluation.ground_truth import TestView
 from gaussian_trimmer.evaluation.scoring import Cut, Judge, Scores, mean_scores
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.masks import DEFAULT_SEGMENTER, Segmenter
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.result import RowLabel, TrimResult
 from gaussian_trimmer.trimming.trim import trim
@@ -56,14 +56,13 @@ class Variant:
     training_views: int = 0
     """If positive, trim with this many training cameras instead of virtual ones."""
 
-    def trim(self, trial: Trial, renderer: Renderer) -> TrimResult:
+    def trim(self, trial: Trial) -> TrimResult:
         """Trim in this way."""
         config = self.config if trial.up is None else replace(self.config, up=trial.up)
         return trim(
             trial.gaussians,
             trial.selection,
             config=config,
-            renderer=renderer,
             segmenter=self.segmenter,
             cameras=trial.cameras,
             view_cameras=evenly_spread(trial.cameras, self.training_views) if self.training_views else None,
@@ -109,10 +108,10 @@ def measure(trial: Trial, variants: Mapping[str, Variant], judge: Judge, *, fide
         fidelity: also compare object and background together with the untouched scene.
     """
     before = mean_scores(judge.score_views(trial.before, trial.views))
-    untouched = [judge.renderer.render(trial.gaussians, view.camera).rgb for view in trial.views if fidelity]
+    untouched = [render(trial.gaussians, view.camera).rgb for view in trial.views if fidelity]
     for name, variant in variants.items():
         start = time.perf_counter()
-        result = variant.trim(trial, judge.renderer)
+        result = variant.trim(trial)
         seconds = time.perf_counter() - start
         cut = Cut(result.object, result.background)
         scores = judge.score_views(cut, trial.views)

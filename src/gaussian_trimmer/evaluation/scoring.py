@@ -17,7 +17,8 @@ from gaussian_trimmer.evaluation import metrics
 from gaussian_trimmer.evaluation.clip_iqa import ClipScorer
 from gaussian_trimmer.evaluation.ground_truth import TestView, Truth
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, concatenate
-from gaussian_trimmer.rendering import Renderer, parallel_map
+from gaussian_trimmer.parallel import parallel_map
+from gaussian_trimmer.rendering import blend_values, render
 
 Scores = dict[str, float]
 """Metric -> percentage, or dB for `psnr` and `fidelity`; a metric that is not known is missing."""
@@ -81,7 +82,6 @@ class ObjectRender:
 class Judge:
     """The rules of a comparison with ground truth."""
 
-    renderer: Renderer
     threshold: float = metrics.THRESHOLD
     """Opacity above which a rendered pixel belongs to the object."""
     looks: ClipScorer | None = None
@@ -95,21 +95,21 @@ class Judge:
 
     def tools(self) -> str:
         """Return what renders and judges, for tables."""
-        return f"renderer: {self.renderer.name}{f'; {self.looks.describe()}' if self.looks else ''}"
+        return self.looks.describe() if self.looks else ""
 
     def show(self, cut: Cut, camera: Camera) -> ObjectRender:
         """Render the object alone and in its scene."""
-        alone = _rendered(cut.object, camera, self.renderer)
+        alone = _rendered(cut.object, camera)
         if cut.background is None:
             return alone
         whole = concatenate([cut.object, cut.background])
         member = np.zeros((len(whole), 1), np.float32)
         member[: len(cut.object)] = 1
-        return ObjectRender(alone.rgb, alone.alpha, self.renderer.blend_values(whole, camera, member)[..., 0])
+        return ObjectRender(alone.rgb, alone.alpha, blend_values(whole, camera, member)[..., 0])
 
     def score_views(self, cut: Cut, views: Sequence[TestView]) -> list[Scores]:
         """Return the metrics of each view, see `score`."""
-        shown = parallel_map(lambda view: self.show(cut, view.camera), views, using=[self.renderer])
+        shown = parallel_map(lambda view: self.show(cut, view.camera), views)
         return [self.score(picture, view) for picture, view in zip(shown, views, strict=True)]
 
     def score(self, shown: ObjectRender, view: TestView) -> Scores:
@@ -139,7 +139,7 @@ class Judge:
         """
         if cut.background is None:
             return {}
-        together = _rendered(concatenate([cut.object, cut.background]), camera, self.renderer)
+        together = _rendered(concatenate([cut.object, cut.background]), camera)
         psnr = metrics.psnr(np.clip(together.rgb, 0, 1), np.clip(untouched, 0, 1))
         return {"fidelity": min(psnr, HIGHEST_PSNR)}
 
@@ -177,9 +177,9 @@ def nearest(picture: FloatArray, shape: Sequence[int]) -> FloatArray:
     return np.asarray(picture[rows][:, columns])
 
 
-def _rendered(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> ObjectRender:
+def _rendered(gaussians: Gaussians, camera: Camera) -> ObjectRender:
     if not len(gaussians):
         blank = np.zeros((camera.height, camera.width, 3), np.float32)
         return ObjectRender(blank, blank[..., 0])
-    rendering = renderer.render(gaussians, camera)
+    rendering = render(gaussians, camera)
     return ObjectRender(rendering.rgb, rendering.alpha)

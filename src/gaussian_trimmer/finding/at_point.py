@@ -16,7 +16,7 @@ from gaussian_trimmer.finding.tall_things import TallThings
 from gaussian_trimmer.finding.tiles import Tile, tile_counts
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.storey import Storey, find_storey, sampled
-from gaussian_trimmer.rendering import Renderer, parallel_map
+from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.surface.visible_surface import measure
 
 _MIN_SEEN = 0.5
@@ -30,7 +30,6 @@ class ThingsAtPoints:
     scene: Gaussians
     up: Float64Array
     """The up vector, (3,)."""
-    renderer: Renderer
 
     def at(self, point: Float64Array, seen: FloatArray) -> list[IntArray]:
         """Return the objects at a point, the rows of each, ascending.
@@ -56,16 +55,14 @@ class ThingsAtPoints:
         counts = [min(n, shown - 1) for n in tile_counts(shown)[1:]]  # the smaller ones: what is meant is seen nearby
         reach = np.partition(looked_at, counts)[counts].tolist()
         rows = np.flatnonzero(looked_at <= max(reach))
-        near, looks = self.scene.select(rows), Looks(self.up, FindConfig(), self.renderer).close()
+        near, looks = self.scene.select(rows), Looks(self.up, FindConfig()).close()
         tiles = [Tile(middle - r, 2 * r, np.flatnonzero(looked_at[rows] <= r)) for r in reach]
         looked = [(tile, look) for tile in tiles if (look := looks.tile(near, tile)) is not None]
         if not looked:
             return []
         measured, weight = measure(near, [look for _, look in looked]), seen[rows] / max(float(seen.sum()), 1e-9)
         found_in = parallel_map(
-            lambda tile, look: looks.candidates(near, tile, look, measured, top),
-            *zip(*looked, strict=True),
-            using=[self.renderer],
+            lambda tile, look: looks.candidates(near, tile, look, measured, top), *zip(*looked, strict=True)
         )
         found = [one for of_tile in found_in for one in of_tile if weight[one.rows].sum() > _MIN_SEEN]
         around = np.flatnonzero(distance <= max(reach))

@@ -9,7 +9,6 @@ import numpy as np
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.found import FoundObjects
 from gaussian_trimmer.gaussians import BoolArray, IntArray
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, get_renderer
 from gaussian_trimmer.surface.regions import split_region
 from gaussian_trimmer.surface.visible_surface import find_visible_surface, views_of, with_hidden
 
@@ -67,7 +66,7 @@ def _parts(found: FoundObjects, mask: BoolArray) -> list[BoolArray]:
         rows = np.flatnonzero(mask)
         scene = found.scene.select(rows)
         up = found.up.direction
-        surface = find_visible_surface(scene, views_of(scene, None, up), up, get_renderer(DEFAULT_RENDERER))
+        surface = find_visible_surface(scene, views_of(scene, None, up), up)
     numbers: IntArray = split_region(surface, mask[rows[surface.rows]])
     labels = np.zeros(len(mask), np.int64)
     labels[rows] = with_hidden(surface, numbers + 1, np.inf, np.arange(len(scene)))

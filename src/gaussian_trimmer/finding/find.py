@@ -18,7 +18,6 @@ from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, Gaussians
 from gaussian_trimmer.geometry.limits import check_places
 from gaussian_trimmer.geometry.storey import Storey, find_storey
 from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.surface.overview import views_of_all
 from gaussian_trimmer.surface.regions import find_regions
 from gaussian_trimmer.surface.room_surfaces import Room, find_room
@@ -57,7 +56,6 @@ def find_objects(
     cameras: CameraSet | None = None,
     up: Any = None,
     config: FindConfig | None = None,
-    renderer: Renderer | str = DEFAULT_RENDERER,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> FoundObjects:
     """Find every object of a scene: what stands on its surfaces, hangs from them or leans against them.
@@ -71,7 +69,6 @@ def find_objects(
         up: the up vector in the scene's coordinates, if known: three numbers, an axis, "z" or "-y", or as `find_up`
             returns it.
         config: what counts as an object; the usual, if not given.
-        renderer: a renderer, or the name of one.
         progress: called with the name of each step when it begins: `look`, and `look 1/16` and so on for its views or
             tiles, `surfaces`, `regions`, and for tiles `regions 1/16` and so on, and `agree`.
 
@@ -80,18 +77,17 @@ def find_objects(
             views.
     """
     clock, config = Clock(progress, log=None), config or FindConfig()
-    renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
     check_gaussians(scene)
     check_places(scene)
     found_up = find_up(scene, cameras, up)
-    looks = Looks(found_up.direction, config, renderer)
+    looks = Looks(found_up.direction, config)
     storey = find_storey(scene, found_up.direction)
     if storey.is_room or len(scene) > LARGEST_LOOK:
         return _find_in_tiles(scene, found_up, storey, looks.close(), clock)
     with clock("look"):
         views = views_of(scene, cameras, found_up.direction)
         surface = find_visible_surface(
-            scene, views, found_up.direction, renderer, lambda number: progress(f"look {number}/{len(views)}")
+            scene, views, found_up.direction, lambda number: progress(f"look {number}/{len(views)}")
         )
     with clock("surfaces"):
         room = find_room(surface)
@@ -109,7 +105,6 @@ class Looks:
 
     up: Float64Array
     config: FindConfig
-    renderer: Renderer
 
     def close(self) -> Looks:
         """Return the same at tiles, where what is named at all may be sure; its Gaussians tell how large it is."""
@@ -132,7 +127,7 @@ class Looks:
         """Look at a tile of a scene from above; None where hardly anything shows."""
         part = scene.select(tile.rows)
         try:
-            look = look_at(part, views_of_all(part, self.up, _TILE_FILL), self.renderer)
+            look = look_at(part, views_of_all(part, self.up, _TILE_FILL))
         except NothingShowsError:
             return None
         return replace(look, rows=tile.rows[look.rows])
@@ -183,9 +178,7 @@ def _find_in_tiles(scene: Gaussians, up: UpVector, storey: Storey, looks: Looks,
     tiles = [tile for count in tile_counts(len(shown)) for tile in plan_tiles(plan, count)]
     seen = list[tuple[Tile, Look]]()
     with clock("look"):
-        for number, look in enumerate(
-            parallel_map(lambda tile: looks.tile(shown, tile), tiles, using=[looks.renderer])
-        ):
+        for number, look in enumerate(parallel_map(lambda tile: looks.tile(shown, tile), tiles)):
             clock.part(f"look {number + 1}/{len(tiles)}")
             seen += [(tiles[number], look)] if look is not None else []
     if not seen:
@@ -195,11 +188,7 @@ def _find_in_tiles(scene: Gaussians, up: UpVector, storey: Storey, looks: Looks,
     views, candidates = list[Viewpoint](), list[Candidate]()
     tall = TallThings(scene, up.direction, storey, storey.head_height)
     with clock("regions"):
-        found = parallel_map(
-            lambda one: looks.candidates(shown, one[0], one[1], measured, storey.head_height),
-            seen,
-            using=[looks.renderer],
-        )
+        found = parallel_map(lambda one: looks.candidates(shown, one[0], one[1], measured, storey.head_height), seen)
         for number, (found_there, (_, look)) in enumerate(zip(found, seen, strict=True), 1):
             clock.part(f"regions {number}/{len(seen)}")
             for one in found_there:

@@ -11,7 +11,7 @@ from gaussian_trimmer.cameras import Camera, look_at, up_frame
 from gaussian_trimmer.finding.found import FoundObjects
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.output.pictures import Picture, as_picture, draw_number
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import blend_values, render
 from gaussian_trimmer.views.camera_rings import NEAR_RADII
 
 _LONGER_PIXELS = 1400
@@ -27,7 +27,7 @@ _TURN = 0.618034
 """Of the colour circle, from one object to the next: colours of neighbours in the list are far apart."""
 
 
-def draw_plan(found: FoundObjects, renderer: Renderer) -> Picture:
+def draw_plan(found: FoundObjects) -> Picture:
     """Return the scene from above, without what was not looked at, with the objects and their numbers.
 
     The sure objects are in colour; if there are none, all are.
@@ -38,9 +38,9 @@ def draw_plan(found: FoundObjects, renderer: Renderer) -> Picture:
     tints = np.zeros((len(found) + 1, 4), np.float32)
     for one in shown:
         tints[one.id] = *colorsys.hsv_to_rgb(_TURN * one.id % 1, 0.9, 1), 1
-    blended = renderer.blend_values(scene, camera, tints[labels])
+    blended = blend_values(scene, camera, tints[labels])
     share = np.clip(blended[..., 3:], 0, 1)
-    rgb = renderer.render(scene, camera).rgb * (_DIMMED + (1 - _DIMMED - _TINT) * share) + _TINT * blended[..., :3]
+    rgb = render(scene, camera).rgb * (_DIMMED + (1 - _DIMMED - _TINT) * share) + _TINT * blended[..., :3]
     picture = np.ascontiguousarray(as_picture(rgb))
     scale = _FONT_SCALE if len(shown) < _MANY else _SMALL_FONT_SCALE
     for one, (x, y) in zip(shown, camera.project(np.array([one.centre for one in shown]))[0], strict=True):

@@ -17,7 +17,7 @@ from gaussian_trimmer.finding.plan import draw_plan
 from gaussian_trimmer.io.writing import save_array, write_json, write_whole
 from gaussian_trimmer.output.html.document import asset, document, json_block, text
 from gaussian_trimmer.output.pictures import Picture, as_picture, write_picture
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import blend_values, render
 from gaussian_trimmer.surface.overview import drawn_rows
 
 FOUND_FILES = ("objects.npy", "objects.csv", "objects.json", "object_[0-9]*.png", "plan.png", "index.html", "batch.csv")
@@ -40,7 +40,6 @@ _MOST_PICTURES = 100
 def write_found(
     found: FoundObjects,
     folder: Path,
-    renderer: Renderer,
     *,
     command: Sequence[str],
     names: Mapping[int, str],
@@ -50,7 +49,6 @@ def write_found(
     Args:
         found: the objects.
         folder: where to write.
-        renderer: draws the pictures.
         command: the words of the command that the page completes.
         names: what users call objects, by their numbers.
 
@@ -68,9 +66,9 @@ def write_found(
     }
     write_json(document_of, folder / "objects.json")
     for one in found.objects[:_MOST_PICTURES]:
-        write_picture(draw_found(found, one, renderer), folder / _picture_of(one))
+        write_picture(draw_found(found, one), folder / _picture_of(one))
     if found.objects:
-        write_picture(draw_plan(found, renderer), folder / "plan.png")
+        write_picture(draw_plan(found), folder / "plan.png")
     write_whole(folder / "index.html", page(found, command, names))
     return document_of
 
@@ -96,7 +94,7 @@ def described(one: FoundObject, name: str = "") -> dict[str, Any]:
     }
 
 
-def draw_found(found: FoundObjects, one: FoundObject, renderer: Renderer) -> Picture:
+def draw_found(found: FoundObjects, one: FoundObject) -> Picture:
     """Return an object in the view that shows it best, with what is around it dimmed."""
     view = found.views[one.view]
     rows = np.flatnonzero(found.looked_at)
@@ -106,8 +104,8 @@ def draw_found(found: FoundObjects, one: FoundObject, renderer: Renderer) -> Pic
     half = max(1, round((0.5 + _MARGIN) * float((high - low).max())))
     x, y = ((low + high) / 2).round().astype(int).tolist()
     camera = view.camera.part(x - half, y - half, x + half, y + half).resized(_CELL_PIXELS / (2 * half))
-    share = np.clip(renderer.blend_values(scene, camera, mine.astype(np.float32)[:, None]), 0, 1)
-    return as_picture(renderer.render(scene, camera).rgb * (_DIMMED + (1 - _DIMMED) * share))
+    share = np.clip(blend_values(scene, camera, mine.astype(np.float32)[:, None]), 0, 1)
+    return as_picture(render(scene, camera).rgb * (_DIMMED + (1 - _DIMMED) * share))
 
 
 def page(found: FoundObjects, command: Sequence[str], names: Mapping[int, str]) -> str:

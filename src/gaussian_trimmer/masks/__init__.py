@@ -21,7 +21,7 @@ class Segmenter(Protocol):
     `own_cameras(cameras: CameraSet | None) -> list[Camera]` names the cameras whose pictures the segmenter has masks
     of; the command line then uses these in place of virtual ones. `report_to(report: Callable[[str], None])` gives a
     slow segmenter a function to call while it works, with "2 of 5" when the second of five views begins.
-    `segment_together(views, gaussians, renderer)` is called in place of `segment`, if it is there, by the trimmer: it
+    `segment_together(views, gaussians)` is called in place of `segment`, if it is there, by the trimmer: it
     also gets the Gaussians that the views show, so that masks of different views can be held against each other.
 
     The attribute `mask_source` is optional too and says what the masks are drawn from: "labels" corrected in 3D,
@@ -100,7 +100,7 @@ def description_of(segmenter: Segmenter) -> str:
 
 
 def name_of(plug_in: Any) -> str:
-    """Return the name that a segmenter or renderer states, or that of its class."""
+    """Return the name that a segmenter states, or that of its class."""
     return str(getattr(plug_in, "name", None) or type(plug_in).__name__)
 
 

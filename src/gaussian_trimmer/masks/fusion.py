@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
-from gaussian_trimmer.rendering import Renderer, parallel_map
+from gaussian_trimmer.parallel import parallel_map
+from gaussian_trimmer.rendering import blend_values
 from gaussian_trimmer.rendering.lifting import label_weights, share_inside
 from gaussian_trimmer.views.view import MIN_SEEN_PIXELS, View, mask_overlap
 
@@ -51,7 +52,6 @@ def fuse_with_silhouettes(
     silhouettes: Sequence[BoolArray],
     logits: Sequence[FloatArray],
     gaussians: Gaussians,
-    renderer: Renderer,
 ) -> tuple[list[BoolArray], int]:
     """Return silhouettes of labels, changed where the masks of a segmenter are better supported.
 
@@ -60,14 +60,13 @@ def fuse_with_silhouettes(
         silhouettes: masks by the labels, (H, W) each.
         logits: masks by the segmenter, above zero on the object, (H, W) each.
         gaussians: what the views show, N Gaussians.
-        renderer: tells what each Gaussian contributes to the views.
 
     Returns:
         masks (H, W), one for each view, and how many of the segmenter's masks were set aside as of something else.
     """
     masks = [logit > 0 for logit in logits]
     trusted = [mask_overlap(m, s) >= _MIN_OVERLAP for m, s in zip(masks, silhouettes, strict=True)]
-    elsewhere = _shares_elsewhere(views, masks, trusted, gaussians, renderer)
+    elsewhere = _shares_elsewhere(views, masks, trusted, gaussians)
     fused = []
     for number, silhouette in enumerate(silhouettes):
         if trusted[number]:
@@ -122,19 +121,19 @@ def _thin(silhouette: BoolArray) -> BoolArray:
 
 
 def _shares_elsewhere(
-    views: Sequence[View], masks: Sequence[BoolArray], trusted: Sequence[bool], gaussians: Gaussians, renderer: Renderer
+    views: Sequence[View], masks: Sequence[BoolArray], trusted: Sequence[bool], gaussians: Gaussians
 ) -> list[FloatArray]:
     """Return the share inside the masks of the other views of the Gaussians at each pixel, (H, W) for each view.
 
     Half for Gaussians that the other views do not show.
     """
 
-    of_views = label_weights(gaussians, [view.camera for view in views], masks, renderer)
+    of_views = label_weights(gaussians, [view.camera for view in views], masks)
     weights = [of_view * np.float32(is_trusted) for of_view, is_trusted in zip(of_views, trusted, strict=True)]
     total = np.sum(weights, axis=0)
 
     def shown(view: View, own: FloatArray) -> FloatArray:
         share = share_inside(total - own, MIN_SEEN_PIXELS)
-        return renderer.blend_values(gaussians, view.camera, share[:, None])[..., 0]
+        return blend_values(gaussians, view.camera, share[:, None])[..., 0]
 
-    return list(parallel_map(shown, views, weights, using=[renderer]))
+    return list(parallel_map(shown, views, weights))

@@ -27,7 +27,6 @@ from gaussian_trimmer.io.reading import (
     reading,
 )
 from gaussian_trimmer.masks import MaskSource, Segmenter, description_of, mask_source_of
-from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.views.view import View
 
 _SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
@@ -74,12 +73,12 @@ class PhotoSegmenter:
         """
         return self._segmenter.segment([self._with_photo(view) for view in views])
 
-    def segment_together(self, views: Sequence[View], gaussians: Gaussians, renderer: Renderer) -> list[BoolArray]:
+    def segment_together(self, views: Sequence[View], gaussians: Gaussians) -> list[BoolArray]:
         """Return the same, for segmenters that ask for the Gaussians."""
         if not hasattr(self._segmenter, "segment_together"):
             return self.segment(views)
         shown = [self._with_photo(view) for view in views]
-        return list(self._segmenter.segment_together(shown, gaussians, renderer))
+        return list(self._segmenter.segment_together(shown, gaussians))
 
     def _with_photo(self, view: View) -> View:
         original = self._originals.get(view.camera.name)

@@ -20,7 +20,7 @@ from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.masks.fusion import fuse_with_silhouettes
 from gaussian_trimmer.masks.prompts import Prompt, expected_logits, middle_points
 from gaussian_trimmer.masks.sam_onnx import Candidates, Embedding, OnnxSam
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import blend_values, blend_weights
 from gaussian_trimmer.settings import Range, check_settings
 from gaussian_trimmer.views.view import HALF, View, bounding_box, box_slices, mask_overlap
 
@@ -106,22 +106,21 @@ class SamSegmenter:
         """
         return [logits > 0 for logits in self._logits(views)]
 
-    def segment_together(self, views: Sequence[View], gaussians: Gaussians, renderer: Renderer) -> list[BoolArray]:
+    def segment_together(self, views: Sequence[View], gaussians: Gaussians) -> list[BoolArray]:
         """Return the same, fused with the silhouettes of the labels if the settings say so.
 
         Args:
             views: V views.
             gaussians: what they show.
-            renderer: tells what each Gaussian contributes to the views.
 
         Raises:
             InputError: the model cannot be run.
         """
-        logits = self._logits(views, (gaussians, renderer) if self.config.prompt == "follow" else None)
+        logits = self._logits(views, gaussians if self.config.prompt == "follow" else None)
         if not self.config.fusion:
             return [logit > 0 for logit in logits]
         silhouettes = [view.silhouette for view in views]
-        masks, aside = fuse_with_silhouettes(views, silhouettes, logits, gaussians, renderer)
+        masks, aside = fuse_with_silhouettes(views, silhouettes, logits, gaussians)
         self._note = f"; {aside} of {len(views)} masks set aside, since they show something else" if aside else ""
         return masks
 
@@ -144,19 +143,19 @@ class SamSegmenter:
         fits = [agreement(logits > 0, expected) for logits in found.logits]
         return np.asarray(found.logits[int(np.argmax(fits))])
 
-    def _logits(self, views: Sequence[View], followed: tuple[Gaussians, Renderer] | None = None) -> list[FloatArray]:
+    def _logits(self, views: Sequence[View], followed: Gaussians | None = None) -> list[FloatArray]:
         """Return the chosen mask of each view as logits, (H, W).
 
         Where masks are followed, one that is accepted gives each Gaussian the weight that it has inside and outside of
         it. A further view is prompted with the shares that follow, and by the labels where it shows what no earlier
         view has shown.
         """
-        weights, logits = np.zeros((len(followed[0]) if followed else 0, 2), np.float32), []
+        weights, logits = np.zeros((len(followed or ()), 2), np.float32), []
         for number, view in enumerate(views):
             self._report(f"{number + 1} of {len(views)}")
             expected, prompt, known = view.object_prior, self._prompt(view), weights.any()
             if followed and known:
-                expected = _carried(view, weights, *followed)
+                expected = _carried(view, weights, followed)
                 prompt = prompt_of(expected, self._points())
             if prompt is None:
                 logits.append(np.full(view.alpha.shape, -1, np.float32))
@@ -164,7 +163,7 @@ class SamSegmenter:
             logits.append(self._chosen(self.propose(view.rgb, prompt), expected))
             mask = logits[-1] > 0
             if followed and mask.any() and (not known or mask_overlap(mask, expected > HALF) >= _FOLLOWED):
-                weights += followed[1].blend_weights(followed[0], view.camera, mask.astype(np.uint8), 2)
+                weights += blend_weights(followed, view.camera, mask.astype(np.uint8), 2)
         return logits
 
     def _prompt(self, view: View) -> Prompt | None:
@@ -187,19 +186,18 @@ class SamSegmenter:
         return embedding
 
 
-def _carried(view: View, weights: FloatArray, gaussians: Gaussians, renderer: Renderer) -> FloatArray:
+def _carried(view: View, weights: FloatArray, gaussians: Gaussians) -> FloatArray:
     """Return the share of a picture that earlier masks, or labels where they show nothing, give the object, (H, W).
 
     Args:
         view: the view.
         weights: what each Gaussian contributed outside and inside of these masks, (N, 2).
         gaussians: what the views show, N Gaussians.
-        renderer: tells what each Gaussian contributes to the view.
     """
     total = weights.sum(axis=1) * np.float32(512**2 / view.alpha.size / _SEEN)
     member = weights[:, 1] / np.maximum(weights.sum(axis=1), _NOTHING)
     known = (total / (total + 1)).astype(np.float32)
-    shown = renderer.blend_values(gaussians, view.camera, np.column_stack([member * known, 1 - known]))
+    shown = blend_values(gaussians, view.camera, np.column_stack([member * known, 1 - known]))
     return np.asarray(shown[..., 0] + shown[..., 1] * view.object_prior / np.maximum(view.alpha, _NOTHING))
 
 

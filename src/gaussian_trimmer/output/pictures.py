@@ -20,7 +20,7 @@ from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.output.checked_sides import CheckedSides, checked_sides
 from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.config import CONTEXT_RADIUS
 from gaussian_trimmer.trimming.result import TrimmedObject, TrimResult
 from gaussian_trimmer.views.view import HALF, TrimmedView
@@ -83,11 +83,11 @@ def draw_outlines(view: TrimmedView) -> Picture:
     return picture
 
 
-def draw_gaussians(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> Picture:
+def draw_gaussians(gaussians: Gaussians, camera: Camera) -> Picture:
     """Gaussians before the neutral backdrop, which is all that there is to see of none."""
     if not len(gaussians):
         return as_picture(np.tile(BACKDROP, (camera.height, camera.width, 1)))
-    return as_picture(renderer.render(gaussians, camera, BACKDROP).rgb)
+    return as_picture(render(gaussians, camera, BACKDROP).rgb)
 
 
 def draw_before_after(result: TrimResult) -> Picture:
@@ -112,14 +112,14 @@ def _draw_object(result: TrimResult, part: TrimmedObject, columns: int, pitches:
     yaws, cameras = cameras_around(part, selected, sides, columns, size, pitches)
     verdicts = [sides.verdict(yaw) for yaw in (*yaws, *(yaws[:1] * len(pitches)))]
     after = "the object, not trimmed" if part.refused else "trimmed object"
-    scene, renderer = _background_around(result, part), result.used_renderer
+    scene = _background_around(result, part)
     rest = "what was removed" if len(selected) == len(result.scene) else "the scene without the object"
     rows = [
         (f"selection: {len(selected):,} Gaussians", selected, cameras),
         (f"{after}: {len(part.gaussians):,} Gaussians", part.gaussians, cameras),
-        (rest, scene, [_past_what_hides(camera, scene, part.bounds, renderer) for camera in cameras]),
+        (rest, scene, [_past_what_hides(camera, scene, part.bounds) for camera in cameras]),
     ]
-    pictures = [_row(*row, verdicts, renderer) for row in rows]
+    pictures = [_row(*row, verdicts) for row in rows]
     width = pictures[0].shape[1]
     closing = (f"not trimmed: {part.refused}", _REJECTED_COLOUR) if part.refused else (sides.sentence(), _TEXT_COLOUR)
     return np.vstack([_headings(yaws, pitches, verdicts, width), *pictures, _strip([closing], width)])
@@ -150,7 +150,7 @@ def cameras_around(
     return [(sides.middle + 360 * i // count) % 360 for i in range(count)], [zoomed(c, zoom) for c in cameras]
 
 
-def _past_what_hides(camera: Camera, scene: Gaussians, bounds: Bounds, renderer: Renderer) -> Camera:
+def _past_what_hides(camera: Camera, scene: Gaussians, bounds: Bounds) -> Camera:
     """Return a camera that sees nothing before the surroundings of an object, nor what in these hides its place."""
     place, corner_depths = camera.project(bounds.corners())
     depths = camera.to_camera(scene.means.astype(np.float64))[:, 2]
@@ -158,7 +158,7 @@ def _past_what_hides(camera: Camera, scene: Gaussians, bounds: Bounds, renderer:
     camera, front = replace(camera, near=near), float(corner_depths.min())
     before = scene.select((depths > near) & (depths < front))
     x0, y0, x1, y1 = np.clip([*place.min(axis=0), *place.max(axis=0)], 0, camera.width - 1).astype(int)
-    if not len(before) or renderer.render(before, camera).alpha[y0 : y1 + 1, x0 : x1 + 1].mean() < _HIDING_ALPHA:
+    if not len(before) or render(before, camera).alpha[y0 : y1 + 1, x0 : x1 + 1].mean() < _HIDING_ALPHA:
         return camera
     return replace(camera, near=front)
 
@@ -216,10 +216,8 @@ def write_picture(picture: Picture, path: Path) -> None:
     write_whole(path, data.tobytes())
 
 
-def _row(
-    caption: str, gaussians: Gaussians, cameras: Sequence[Camera], verdicts: Sequence[str], renderer: Renderer
-) -> Picture:
-    pictures = list(parallel_map(lambda camera: draw_gaussians(gaussians, camera, renderer), cameras, using=[renderer]))
+def _row(caption: str, gaussians: Gaussians, cameras: Sequence[Camera], verdicts: Sequence[str]) -> Picture:
+    pictures = list(parallel_map(lambda camera: draw_gaussians(gaussians, camera), cameras))
     for picture, verdict in zip(pictures, verdicts, strict=True):
         if verdict:
             _frame(picture)

@@ -34,7 +34,6 @@ def describe(
         "version": __version__,
         "inputs": dict(inputs or {}),
         "configuration": asdict(result.config),
-        "renderer": result.renderer,
         "segmenter": result.segmenter,
     }
     labels, counts = result.labels, _count_scene(result)

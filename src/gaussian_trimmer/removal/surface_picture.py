@@ -13,8 +13,8 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray, quaternions_of, rotation_matrices
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
 from gaussian_trimmer.removal.views import RemovalViews
-from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.rendering.reference import view_colours
+from gaussian_trimmer.rendering import Rendering, blend_values
+from gaussian_trimmer.rendering.harmonics import view_colours
 from gaussian_trimmer.views.view import HALF, grown
 
 PIXELS_A_RADIUS = 64
@@ -176,7 +176,7 @@ def _from_above(
     transform[2, 3] = _DISTANCE_RADII
     focal = _DISTANCE_RADII * PIXELS_A_RADIUS
     K = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]])
-    image = views.renderer.blend_values(drawn, Camera(transform, K, size, size, near=0.01), values)
+    image = blend_values(drawn, Camera(transform, K, size, size, near=0.01), values)
     image = np.swapaxes(image[::-1], 0, 1)
     return np.asarray(np.clip(image[..., :3] / np.maximum(image[..., 3:], _FAINT), 0, 1)), np.asarray(image[..., 3])
 

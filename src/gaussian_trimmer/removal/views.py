@@ -11,7 +11,8 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.rendering import Renderer, Rendering, parallel_map
+from gaussian_trimmer.parallel import parallel_map
+from gaussian_trimmer.rendering import Rendering, blend_weights, render
 from gaussian_trimmer.views.view import HALF
 
 
@@ -27,7 +28,6 @@ class RemovalViews:
     bounds: Bounds
     """The object's bounds; their third axis is up."""
     cameras: Sequence[Camera]
-    renderer: Renderer
     cameras_above: Sequence[Camera] = ()
     """Steep views, which only tell where surfaces are seen."""
 
@@ -70,9 +70,9 @@ class RemovalViews:
 
     def _weigh_in_views(self, drawn: Gaussians) -> Iterator[FloatArray]:
         def weighed(camera: Camera, silhouette: BoolArray) -> FloatArray:
-            return self.renderer.blend_weights(drawn, camera, silhouette.astype(np.uint8), 2)
+            return blend_weights(drawn, camera, silhouette.astype(np.uint8), 2)
 
-        return parallel_map(weighed, self.cameras, self.silhouettes, using=[self.renderer])
+        return parallel_map(weighed, self.cameras, self.silhouettes)
 
     def _render(self, part: Gaussians) -> list[Rendering]:
-        return list(parallel_map(lambda c: self.renderer.render(part, c), self.cameras, using=[self.renderer]))
+        return list(parallel_map(lambda c: render(part, c), self.cameras))

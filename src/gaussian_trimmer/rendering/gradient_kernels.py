@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from gaussian_trimmer.gaussians import SH_C0
-from gaussian_trimmer.rendering import LARGEST_SPREAD
+from gaussian_trimmer.rendering.blending import LARGEST_SPREAD
 from gaussian_trimmer.rendering.numba_kernels import (
     _AREA,
     _CAP,

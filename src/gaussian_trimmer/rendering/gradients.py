@@ -10,7 +10,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.parallel import WORTH_A_THREAD, parallel_for
 from gaussian_trimmer.rendering import gradient_kernels as kernels
-from gaussian_trimmer.rendering.numba_cpu import (
+from gaussian_trimmer.rendering.tile_renderer import (
     Projection,
     blend_view,
     ellipsoids_of,
@@ -54,7 +54,7 @@ class Drawing:
 
 
 def draw(gaussians: Gaussians, camera: Camera) -> Drawing:
-    """Draw a view as `NumbaRenderer.render` does, without keeping anything for later calls."""
+    """Draw a view as `rendering.render` does, without keeping anything for later calls."""
     projection = project_view(gaussians, camera)
     return Drawing(gaussians, camera, projection, blend_view(projection, projection.colours, camera)[0])
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import blend_weights
 
 UNDECIDED = np.float32(0.5)
 """Share inside the masks, and probability, that speak neither for the object nor against it."""
@@ -20,7 +20,6 @@ def label_weights(
     gaussians: Gaussians,
     cameras: Sequence[Camera],
     labels: Iterable[NDArray[np.uint8] | BoolArray],
-    renderer: Renderer,
     n_labels: int = 2,
 ) -> Iterator[FloatArray]:
     """Blend weights of each Gaussian summed over the pixels of each label, (N, n_labels), one array a view.
@@ -29,14 +28,13 @@ def label_weights(
         gaussians: what the views show, N Gaussians.
         cameras: the cameras of the views.
         labels: the label of each pixel, (H, W) each; of a mask, 0 outside and 1 inside.
-        renderer: gives the blend weights.
         n_labels: how many labels there are; pixels of higher ones are left out.
     """
 
     def weights(camera: Camera, image: NDArray[np.uint8] | BoolArray) -> FloatArray:
-        return renderer.blend_weights(gaussians, camera, image.astype(np.uint8), n_labels)
+        return blend_weights(gaussians, camera, image.astype(np.uint8), n_labels)
 
-    return parallel_map(weights, cameras, labels, using=[renderer])
+    return parallel_map(weights, cameras, labels)
 
 
 def share_inside(weights: FloatArray, min_weight: float = 0.0) -> FloatArray:

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 
 from gaussian_trimmer.geometry.compiling import CACHE
-from gaussian_trimmer.rendering import ALPHA_CAP, ALPHA_CUTOFF, TRANSMITTANCE_STOP
+from gaussian_trimmer.rendering.blending import ALPHA_CAP, ALPHA_CUTOFF, TRANSMITTANCE_STOP
 from gaussian_trimmer.rendering.projection_kernels import TILE, _jit
 
 _AREA = TILE * TILE

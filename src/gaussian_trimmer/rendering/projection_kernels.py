@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, IntArray
 from gaussian_trimmer.geometry.compiling import CACHE
 from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE
-from gaussian_trimmer.rendering import ALPHA_CUTOFF, LARGEST_SPREAD, LARGEST_VALUE, LOW_PASS_VARIANCE
+from gaussian_trimmer.rendering.blending import ALPHA_CUTOFF, LARGEST_SPREAD, LARGEST_VALUE, LOW_PASS_VARIANCE
 
 TILE = 16
 """Side of a tile in pixels."""

@@ -26,6 +26,7 @@ from gaussian_trimmer.gaussians import (
 )
 from gaussian_trimmer.geometry.components import connected_bodies
 from gaussian_trimmer.output.pictures import zoomed
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selecting.corrections import Seed, correct_at_click
 from gaussian_trimmer.selecting.segment_in_box import fills, segment_in_box
 from gaussian_trimmer.selecting.segment_on_plane import REACH, pieces_on_plane, windows_around
@@ -122,7 +123,7 @@ def seen_alone(scene: ViewedScene, target: Target) -> BoolArray | None:
 def _seen_alone(scene: ViewedScene, x: int, y: int) -> BoolArray | None:
     """Return what shows around a pixel with nothing beside it, (N,); None where that goes on beyond the picture."""
     camera, alone = scene.camera, np.zeros(len(scene.gaussians), np.bool_)
-    seen = scene.renderer.render(scene.gaussians, camera).alpha > HALF
+    seen = render(scene.gaussians, camera).alpha > HALF
     _, pieces, boxes, _ = cv2.connectedComponentsWithStats(seen.astype(np.uint8))
     left, top, width, height = boxes[pieces[y, x], :4]
     if not seen[y, x] or min(left, top, camera.width - left - width, camera.height - top - height) == 0:
@@ -157,7 +158,7 @@ def select_by_box(scene: ViewedScene, box: Box) -> Pick:
         return Pick(segment, "part")
     if piece is not None and overlap >= _MIN_BOX_OVERLAP:
         return Pick(piece, "piece")
-    if not (small.renderer.render(small.gaussians, small.camera).alpha[box_slices(box)] > HALF).any():
+    if not (render(small.gaussians, small.camera).alpha[box_slices(box)] > HALF).any():
         raise InputError("Nothing is seen in the box; choose another one or another view.")
     raise NothingFoundError(
         "The contents of the box cannot be separated from their surroundings. Draw the box close around what you mean, "
@@ -215,7 +216,7 @@ def _majority_of_points(points: BoolArray, of: IntArray, count: int) -> BoolArra
 def _visible_around(scene: ViewedScene, target: Target) -> FloatArray:
     """Return how much each Gaussian shows in the view and in others around the point, (N,)."""
     cameras = _views_around(scene.camera, target, scene.up)
-    return visible_weight(shown_weights(scene.gaussians, cameras, scene.renderer), cameras)
+    return visible_weight(shown_weights(scene.gaussians, cameras), cameras)
 
 
 def _views_around(camera: Camera, target: Target, up: Float64Array) -> list[Camera]:

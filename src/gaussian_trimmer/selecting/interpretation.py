@@ -15,7 +15,6 @@ from gaussian_trimmer.finding.tiles import LARGEST_LOOK
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, mask_of_rows
 from gaussian_trimmer.geometry.storey import find_storey
 from gaussian_trimmer.masks.mask_files import cameras_with_masks, mask_of
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.selecting.clicks import (
     NothingFoundError,
     Pick,
@@ -116,7 +115,6 @@ class MarkInterpreter:
         marks: Marks,
         *,
         cameras: CameraSet | None = None,
-        renderer: Renderer | str = DEFAULT_RENDERER,
         model: PromptableModel | None = None,
     ) -> None:
         """Take the up vector, and the places of the photographs, from a list of resolved marks.
@@ -125,17 +123,15 @@ class MarkInterpreter:
             scene: all N Gaussians.
             marks: resolved marks; which ones they are does not matter here.
             cameras: the cameras of the pictures that masks belong to.
-            renderer: a renderer, or the name of one.
             model: as for `select`.
         """
         self._scene, self._up, self._cameras, self._model = scene, np.array(marks.up), cameras, model
-        self._renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
         self._seen_from = tuple(_camera_at(place) for place in marks.photographed_from)
         self._things: ThingsAtPoints | None = None
         if len(scene) > LARGEST_LOOK or find_storey(scene, self._up).is_room:
             from gaussian_trimmer.finding.at_point import ThingsAtPoints  # takes a second to import
 
-            self._things = ThingsAtPoints(scene, self._up, self._renderer)
+            self._things = ThingsAtPoints(scene, self._up)
 
     def apply(self, before: SelectionState, mark: Mark) -> SelectionState:
         """Return the selection after one more mark, whose view is resolved; nothing may remain selected.
@@ -275,7 +271,7 @@ class MarkInterpreter:
         """Return what is drawn in a view, and its rows in the scene."""
         assert isinstance(view, Viewpoint), "views are resolved"
         drawn, rows = drawn_part(self._scene, view)
-        return ViewedScene(drawn, view.camera, self._up, self._renderer, self._seen_from), rows
+        return ViewedScene(drawn, view.camera, self._up, self._seen_from), rows
 
     def _from_file(self, mark: FromFile) -> tuple[BoolArray, list[str]]:
         """Return what a selection file, or a file of marks, selects, (N,), and notes on how it was understood."""
@@ -285,7 +281,7 @@ class MarkInterpreter:
         marks = read_marks(mark.path)
         if any(isinstance(inner, FromFile) and is_marks_file(inner.path) for inner in marks.marks):
             raise InputError(f"'{mark.path}' holds marks that refer to files of marks; save what they select instead.")
-        made = apply_marks(self._scene, marks, cameras=self._cameras, renderer=self._renderer, model=self._model)
+        made = apply_marks(self._scene, marks, cameras=self._cameras, model=self._model)
         return made.mask, [f"{len(marks.marks)} marks"]
 
     def _lifted(self, mark: FromMasks) -> tuple[BoolArray, int]:
@@ -294,7 +290,7 @@ class MarkInterpreter:
             raise InputError("Masks need the cameras of their pictures.")
         posed = cameras_with_masks(self._cameras.pinhole_cameras(), mark.folder)
         masks = [mask_of(camera, mark.folder) for camera in posed]
-        return lift_by_assignment(self._scene, posed, masks, self._renderer, mark.gamma), len(posed)
+        return lift_by_assignment(self._scene, posed, masks, mark.gamma), len(posed)
 
 
 def apply_marks(
@@ -302,7 +298,6 @@ def apply_marks(
     marks: Marks,
     *,
     cameras: CameraSet | None,
-    renderer: Renderer | str,
     model: PromptableModel | None,
 ) -> SelectionState:
     """Return what resolved marks select together.
@@ -319,7 +314,7 @@ def apply_marks(
         )
     if cameras is None and marks.cameras is not None and any(isinstance(mark, FromMasks) for mark in marks.marks):
         cameras = read_camera_set(marks.cameras)
-    interpreter = MarkInterpreter(scene, marks, cameras=cameras, renderer=renderer, model=model)
+    interpreter = MarkInterpreter(scene, marks, cameras=cameras, model=model)
     state = SelectionState.nothing(len(scene))
     for mark in marks.marks:
         state = interpreter.apply(state, mark)

@@ -17,7 +17,6 @@ from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
 from gaussian_trimmer.masks.mask_files import cameras_with_masks, ids_of
-from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.rendering.lifting import label_weights
 from gaussian_trimmer.selection_files.labels import assign_labels
 from gaussian_trimmer.views.view import HALF_COVERAGE
@@ -30,7 +29,6 @@ def lift_by_assignment(
     gaussians: Gaussians,
     cameras: Sequence[Camera],
     masks: Sequence[NDArray[Any]],
-    renderer: Renderer,
     gamma: float = 0.0,
 ) -> BoolArray:
     """Return the Gaussians that contribute more to the pixels inside the masks than to those outside, (N,).
@@ -45,14 +43,13 @@ def lift_by_assignment(
         InputError: the masks are empty, or as `lift_objects_by_assignment`.
     """
     labels = [mask.astype(np.uint8) for mask in _binary_masks(cameras, masks)]
-    return np.asarray(lift_objects_by_assignment(gaussians, cameras, labels, renderer, gamma) == 1)
+    return np.asarray(lift_objects_by_assignment(gaussians, cameras, labels, gamma) == 1)
 
 
 def lift_objects_by_assignment(
     gaussians: Gaussians,
     cameras: Sequence[Camera],
     labels: Sequence[Ids],
-    renderer: Renderer,
     gamma: float = 0.0,
 ) -> Ids:
     """Return the number of the object to whose pixels each Gaussian contributes most, (N,): of all objects together.
@@ -84,14 +81,12 @@ def lift_objects_by_assignment(
 
     def weights_of(part: Ids) -> Float64Array:
         images = [_places(image, part) for image in labels]
-        return sum_label_weights(gaussians, cameras, images, len(part) + 1, renderer)
+        return sum_label_weights(gaussians, cameras, images, len(part) + 1)
 
     return assign_labels(len(gaussians), numbers, weights_of, gamma)
 
 
-def lift_id_masks(
-    gaussians: Gaussians, cameras: CameraSet | None, folder: Path, renderer: Renderer, gamma: float = 0.0
-) -> tuple[Ids, int]:
+def lift_id_masks(gaussians: Gaussians, cameras: CameraSet | None, folder: Path, gamma: float = 0.0) -> tuple[Ids, int]:
     """Return the number of each Gaussian's object (N,) by a folder of masks of ids, and how many masks it has.
 
     Raises:
@@ -101,7 +96,7 @@ def lift_id_masks(
         raise InputError("Masks with ids need the cameras of their pictures: --cameras PATH.")
     posed = cameras_with_masks(cameras.pinhole_cameras(), folder)
     images = [ids_of(camera, folder) for camera in posed]
-    return lift_objects_by_assignment(gaussians, posed, images, renderer, gamma), len(posed)
+    return lift_objects_by_assignment(gaussians, posed, images, gamma), len(posed)
 
 
 def _places(image: Ids, numbers: Ids) -> LabelArray:
@@ -112,11 +107,11 @@ def _places(image: Ids, numbers: Ids) -> LabelArray:
 
 
 def sum_label_weights(
-    gaussians: Gaussians, cameras: Sequence[Camera], labels: Sequence[LabelArray], n_labels: int, renderer: Renderer
+    gaussians: Gaussians, cameras: Sequence[Camera], labels: Sequence[LabelArray], n_labels: int
 ) -> Float64Array:
     """Blend weights of each Gaussian summed over the pixels of each label and all views, (N, n_labels)."""
     weights = np.zeros((len(gaussians), n_labels))
-    for of_view in label_weights(gaussians, cameras, labels, renderer, n_labels):
+    for of_view in label_weights(gaussians, cameras, labels, n_labels):
         weights += of_view
     return weights
 

@@ -18,6 +18,7 @@ import numpy as np
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.masks.prompts import Prompt, expected_logits
 from gaussian_trimmer.masks.sam_onnx import Candidates
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selecting.clicks import NothingFoundError, Pick, select_by_box, select_by_click
 from gaussian_trimmer.selecting.lifting import lift_by_assignment
 from gaussian_trimmer.selecting.propagation import propagate_mask
@@ -82,7 +83,7 @@ def _part_seen(
     None if the built-in way found the same, or shows better what is meant.
     """
     box = mark if len(mark) == 4 else None
-    picture, silhouette = scene.renderer.render(scene.gaussians, scene.camera), scene.coverage(built_in) > HALF
+    picture, silhouette = render(scene.gaussians, scene.camera), scene.coverage(built_in) > HALF
     mask = _mask_of(model.propose(picture.rgb, _prompt(mark)), box)
     if not mask.any() or mask_overlap(mask, silhouette) >= _SAME_OVERLAP:
         return None
@@ -117,7 +118,7 @@ def _mask_of(found: Candidates, box: Box | None) -> BoolArray:
 
 def _corrected(scene: ViewedScene, selection: BoolArray, mask: BoolArray, model: PromptableModel) -> BoolArray:
     """Correct a selection (N,) by the model's masks in views around it, and by that of the user's own view, (H, W)."""
-    gaussians, renderer = scene.gaussians, scene.renderer
+    gaussians = scene.gaussians
     plan = PlanConfig(views=_CORRECTION_VIEWS)
     around, _ = plan_cameras(gaussians.select(selection), scene.up, plan, list(scene.seen_from))
     cameras, masks = [scene.camera], [mask]
@@ -126,10 +127,10 @@ def _corrected(scene: ViewedScene, selection: BoolArray, mask: BoolArray, model:
         if not (expected > HALF).any():
             continue
         prompt = Prompt(bounding_box(expected > HALF), logits=expected_logits(expected))
-        found = model.propose(renderer.render(gaussians, camera).rgb, prompt).logits > 0
+        found = model.propose(render(gaussians, camera).rgb, prompt).logits > 0
         best = max(found, key=lambda mask: mask_overlap(mask, expected > HALF))
         if mask_overlap(best, expected > HALF) >= _MIN_AGREEMENT_OVERLAP:
             cameras.append(camera)
             masks.append(best)
-    lifted = lift_by_assignment(gaussians, cameras, masks, renderer)
+    lifted = lift_by_assignment(gaussians, cameras, masks)
     return lifted if lifted.any() else selection

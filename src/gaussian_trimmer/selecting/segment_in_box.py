@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, mask_of_rows
+from gaussian_trimmer.rendering import blend_values, top_contributors
 from gaussian_trimmer.surface.surface_cut import HIDDEN_UNARY, SurfaceCut
 from gaussian_trimmer.surface.surface_graph import SurfaceGraph, axis_ends, build_surface_graph
 from gaussian_trimmer.surface.viewed_scene import CONTRIBUTORS, ViewedScene, surface_depths
@@ -126,7 +127,7 @@ def _overlaps(scene: ViewedScene, box: Box, graph: SurfaceGraph, parts: Sequence
         some = parts[start : start + _PIECES_PER_PASS]
         values = np.zeros((len(scene.gaussians), len(some)), np.float32)
         values[graph.rows] = np.stack(some, axis=1)
-        shown = scene.renderer.blend_values(scene.gaussians, cropped, values) > 0.5
+        shown = blend_values(scene.gaussians, cropped, values) > 0.5
         overlaps += [fills(shown[..., k], box) for k in range(len(some))]
     return overlaps
 
@@ -137,7 +138,7 @@ def _surfaces(scene: ViewedScene, box: Box) -> list[tuple[Float64Array, float]]:
     x0, y0, x1, y1 = box
     columns, rows = (np.linspace(low, high - 1, _LATTICE_PIXELS).astype(np.int64) for low, high in ((x0, x1), (y0, y1)))
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-    contributors = scene.renderer.top_contributors(scene.gaussians, camera, pixels, CONTRIBUTORS)
+    contributors = top_contributors(scene.gaussians, camera, pixels, CONTRIBUTORS)
     depths = np.sort(surface_depths(scene.gaussians, camera, *contributors))
     depths = depths[np.isfinite(depths)]
     half = max(x1 - x0, y1 - y0) / 2 / camera.K[0, 0]

@@ -9,7 +9,6 @@ from typing import Any
 from gaussian_trimmer.cameras import CameraSet, Viewpoint
 from gaussian_trimmer.gaussians import Gaussians, check_gaussians
 from gaussian_trimmer.geometry.limits import check_places
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
 from gaussian_trimmer.selecting.interpretation import apply_marks
 from gaussian_trimmer.selecting.marks import Mark, Marks
 from gaussian_trimmer.selecting.marks_file import read_marks
@@ -25,7 +24,6 @@ def select(
     cameras: CameraSet | None = None,
     up: Any = None,
     views: Sequence[Viewpoint] | None = None,
-    renderer: Renderer | str = DEFAULT_RENDERER,
     model: PromptableModel | None = None,
 ) -> SelectionResult:
     """Select Gaussians by marks: clicks and boxes in views, volumes, files and masks, in order.
@@ -36,7 +34,6 @@ def select(
         cameras: the cameras that the scene was trained with, if known. Marks name their views.
         up: the up vector in the scene's coordinates, if known: three numbers, or an axis, "z" or "-y".
         views: the views that marks can name, in place of those of `cameras`, or of planned ones.
-        renderer: a renderer, or the name of one.
         model: draws masks for boxes, and for first clicks where nothing stands on a surface.
 
     Raises:
@@ -49,5 +46,5 @@ def select(
         marks = read_marks(marks)
     if not isinstance(marks, Marks):
         marks = resolve_views(scene, marks, cameras=cameras, up=up, views=views)
-    state = apply_marks(scene, marks, cameras=cameras, renderer=renderer, model=model)
+    state = apply_marks(scene, marks, cameras=cameras, model=model)
     return SelectionResult(state.mask, marks, state.interpretations, state.excluded, state.cuts)

@@ -11,7 +11,6 @@ import numpy as np
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, check_gaussians
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
 from gaussian_trimmer.selecting.marks import FromFile, Mark
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selecting.saved_selection import excluded_from, note_beside
@@ -51,7 +50,6 @@ def read_selection_result(
     cameras: CameraSet | None = None,
     camera_path: Path | None = None,
     up: Any = None,
-    renderer: Renderer | str = DEFAULT_RENDERER,
     say: Callable[[str], None] = lambda note: None,
 ) -> SelectionResult:
     """Return what a file or marks select, with all that marks say of it.
@@ -62,7 +60,6 @@ def read_selection_result(
         further: marks that come after the file.
         cameras, camera_path: those that the scene was trained with, and where they came from.
         up: the scene's up vector, (3,), if known.
-        renderer: what draws the views of marks.
 
     Raises:
         InputError: as `read_selection`.
@@ -80,7 +77,7 @@ def read_selection_result(
             further = [FromFile(path, options), *further]
         marks = resolve_views(scene, further, cameras=cameras, up=up, camera_path=camera_path)
         marks = marks if earlier is None else earlier.followed_by(marks, camera_path)
-        return select(scene, marks, cameras=cameras, renderer=renderer)
+        return select(scene, marks, cameras=cameras)
     if path is None:
         return SelectionResult(np.ones(len(scene), np.bool_))
     found = SelectionResult(load_selection(path, scene, options, say), excluded=excluded_from(path, len(scene)))

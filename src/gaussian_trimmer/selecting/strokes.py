@@ -10,7 +10,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera, Viewpoint
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.neighbours import nearest
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import blend_weights, render, top_contributors
 from gaussian_trimmer.selecting.marks import Stroke
 from gaussian_trimmer.surface.viewed_scene import CONTRIBUTORS, small_view, surface_depths, surface_points
 from gaussian_trimmer.views.view import HALF, MIN_SEEN_PIXELS
@@ -43,9 +43,7 @@ def _small(stroke: Stroke) -> tuple[Camera, float | None]:
     return camera, None if stroke.radius is None else stroke.radius * camera.width / stroke.view.camera.width
 
 
-def under_stroke(
-    gaussians: Gaussians, stroke: Stroke, *, through: bool, by_centres: bool, renderer: Renderer
-) -> BoolArray:
+def under_stroke(gaussians: Gaussians, stroke: Stroke, *, through: bool, by_centres: bool) -> BoolArray:
     """Return which Gaussians a stroke means, (N,): of what shows there those that show mostly there.
 
     What is hidden below the surface is meant by its centre, as deep as the brush's radius, or half of the width that a
@@ -56,14 +54,13 @@ def under_stroke(
         stroke: what was drawn over.
         through: take all depths, not only the surface.
         by_centres: go by centres alone.
-        renderer: finds the surface, and what shows.
     """
     camera, mask = drawn_over(stroke)
     pixels, depths = camera.project(gaussians.means.astype(np.float64))
     rows = np.flatnonzero((depths > camera.near) & camera.contains(pixels))
     x, y = pixels[rows].astype(np.int64).T
     rows, x, y = (values[mask[y, x]] for values in (rows, x, y))
-    top, weights = renderer.top_contributors(gaussians, camera, np.argwhere(mask)[:, ::-1], CONTRIBUTORS)
+    top, weights = top_contributors(gaussians, camera, np.argwhere(mask)[:, ::-1], CONTRIBUTORS)
     if not through:
         radius = _small(stroke)[1]
         reach = np.sqrt(np.count_nonzero(mask) / np.pi) if radius is None else radius
@@ -74,7 +71,7 @@ def under_stroke(
     taken[rows] = True
     if by_centres:
         return taken
-    beside, under = renderer.blend_weights(gaussians, camera, mask.astype(np.uint8), 2).T
+    beside, under = blend_weights(gaussians, camera, mask.astype(np.uint8), 2).T
     mostly = under > HALF * (under + beside)
     taken &= mostly | (under + beside < MIN_SEEN_PIXELS)
     shown = np.unique(top[(top >= 0) & (weights >= _SHOWS)])
@@ -82,12 +79,12 @@ def under_stroke(
     return taken
 
 
-def in_spheres(gaussians: Gaussians, stroke: Stroke, renderer: Renderer) -> BoolArray:
+def in_spheres(gaussians: Gaussians, stroke: Stroke) -> BoolArray:
     """Return which Gaussians have their centres within a brush's radius of the surface under its line, (N,)."""
     camera, mask = drawn_over(replace(stroke, radius=0.5))
     radius = _small(stroke)[1]
     assert radius is not None, "a brush has a radius"
-    points = surface_points(gaussians, camera, np.argwhere(mask)[:, ::-1], renderer)
+    points = surface_points(gaussians, camera, np.argwhere(mask)[:, ::-1])
     points = points[np.isfinite(points[:, 0])]
     if not len(points):
         return np.zeros(len(gaussians), np.bool_)
@@ -96,7 +93,7 @@ def in_spheres(gaussians: Gaussians, stroke: Stroke, renderer: Renderer) -> Bool
     return np.asarray(squared[:, 0] <= reach[number[:, 0]] ** 2)
 
 
-def shows_under(gaussians: Gaussians, stroke: Stroke, renderer: Renderer) -> bool:
+def shows_under(gaussians: Gaussians, stroke: Stroke) -> bool:
     """Tell whether anything shows where something was drawn."""
     camera, mask = drawn_over(stroke)
-    return bool((renderer.render(gaussians, camera).alpha[mask] >= _SHOWS).any())
+    return bool((render(gaussians, camera).alpha[mask] >= _SHOWS).any())

@@ -12,7 +12,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera, CameraSet, Viewpoint, point_of, training_cameras
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import top_contributors
 from gaussian_trimmer.selecting.marks import Box, Click, Mark, Marks, View
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.surface.overview import plan_views
@@ -63,7 +63,7 @@ def views_to_click_in(scene: Gaussians, cameras: CameraSet | None, up: Float64Ar
 
 
 def with_query_row(
-    options: SelectionOptions, scene: Gaussians, view: View | None, cameras: CameraSet | None, renderer: Renderer
+    options: SelectionOptions, scene: Gaussians, view: View | None, cameras: CameraSet | None
 ) -> SelectionOptions:
     """Return options in which a queried pixel has become the row of the Gaussian that shows most there.
 
@@ -72,7 +72,6 @@ def with_query_row(
         scene: all N Gaussians.
         view: the view of the pixel.
         cameras: the training cameras, if known.
-        renderer: tells what shows at the pixel.
 
     Raises:
         InputError: the view is not named or known, or the pixel is outside of it, or shows nothing.
@@ -83,7 +82,7 @@ def with_query_row(
         raise InputError("Name the view of the queried pixel: --view NAME or --view-index INT.")
     camera = find_view(views_to_click_in(scene, cameras, find_up(scene, cameras).direction), view).camera
     check_pixel(camera, *options.query_point)
-    rows, _ = renderer.top_contributors(scene, camera, np.array([options.query_point]), 1)
+    rows, _ = top_contributors(scene, camera, np.array([options.query_point]), 1)
     if rows[0, 0] < 0:
         raise InputError(f"Nothing is seen at the pixel {options.query_point}; choose another one, or another view.")
     return replace(options, query_point=None, query_row=int(rows[0, 0]))

@@ -207,7 +207,7 @@ class SplatRows:
     """The M rows of a splat file that serves as a selection."""
 
     attributes: Columns
-    """What the renderer knows, by which rows are matched with those of the scene."""
+    """What is drawn, by which rows are matched with those of the scene."""
     columns: Columns
     """Everything that the file holds, by the file's names."""
 

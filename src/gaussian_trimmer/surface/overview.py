@@ -11,7 +11,6 @@ from gaussian_trimmer.cameras import Camera, Point, Viewpoint, intrinsics, look_
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds
 from gaussian_trimmer.geometry.limits import check_size
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, get_renderer
 from gaussian_trimmer.settings import Range, Vector
 from gaussian_trimmer.views.camera_rings import NEAR_RADII, Lens, framing_distance, ring
 from gaussian_trimmer.views.standing import stands_in_rooms
@@ -69,7 +68,7 @@ def plan_views(gaussians: Gaussians, up: Float64Array, config: OverviewConfig = 
     if config.target is not None:
         return plan_overview(gaussians, up, config)
     lens, views = intrinsics(_FOV_RADIANS, _SIZE_PIXELS, _SIZE_PIXELS), []
-    for eye, target in stands_in_rooms(gaussians, up, get_renderer(DEFAULT_RENDERER), 2 * config.ring):
+    for eye, target in stands_in_rooms(gaussians, up, 2 * config.ring):
         near = NEAR_RADII * float(np.linalg.norm(target - eye))
         views.append(Viewpoint(Camera(look_at(eye, target, up), lens, _SIZE_PIXELS, _SIZE_PIXELS, near=near)))
     return Overview(views, range(0)) if views else plan_overview(gaussians, up, config)

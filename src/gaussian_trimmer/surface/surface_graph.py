@@ -159,8 +159,8 @@ def build_surface_graph(
     local = gaussians.select(near)
     views = _views_around(scene, centre, reach * radius)
     pixels = radius * camera.K[0, 0] / float(np.linalg.norm(camera.centre - centre))
-    in_view = shown_weight(gaussians, camera, scene.renderer)[near] * np.float32((_REFERENCE_RADIUS / pixels) ** 2)
-    weights = shown_weights(local, views, scene.renderer)
+    in_view = shown_weight(gaussians, camera)[near] * np.float32((_REFERENCE_RADIUS / pixels) ** 2)
+    weights = shown_weights(local, views)
     visible = in_view + (visible_weight(weights, views) if views else np.float32(0))
     nodes = candidates[near] & (visible > _MIN_VISIBLE)
     if np.count_nonzero(nodes) > _MAX_NODES:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.rendering import Renderer, parallel_map
+from gaussian_trimmer.parallel import parallel_map
+from gaussian_trimmer.rendering import blend_values, blend_weights, top_contributors
 
 CONTRIBUTORS, _MIN_ALPHA = 10, 0.3
 """Number of the largest contributors to a pixel that are looked at, and least opacity at which something is visible."""
@@ -26,7 +27,6 @@ class ViewedScene:
     camera: Camera
     up: Float64Array
     """The scene's up vector, (3,)."""
-    renderer: Renderer
     seen_from: Sequence[Camera] = ()
     """Training cameras, if known: the scene is not looked at from other sides."""
 
@@ -36,11 +36,11 @@ class ViewedScene:
 
     def coverage(self, selection: BoolArray) -> FloatArray:
         """Return the share of the picture that the selected Gaussians (N,) contribute, (H, W)."""
-        return self.renderer.blend_values(self.gaussians, self.camera, selection.astype(np.float32)[:, None])[..., 0]
+        return blend_values(self.gaussians, self.camera, selection.astype(np.float32)[:, None])[..., 0]
 
     def label_weights(self, mask: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Blend weight of each Gaussian outside a mask (H, W) and inside it, in pixels, (N,) each."""
-        outside, inside = self.renderer.blend_weights(self.gaussians, self.camera, mask.astype(np.uint8), 2).T
+        outside, inside = blend_weights(self.gaussians, self.camera, mask.astype(np.uint8), 2).T
         return outside, inside
 
 
@@ -60,16 +60,16 @@ def small_view(camera: Camera) -> Camera:
     return camera.resized(min(1.0, _MAX_SIDE_PIXELS / max(camera.width, camera.height)))
 
 
-def shown_weight(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> FloatArray:
+def shown_weight(gaussians: Gaussians, camera: Camera) -> FloatArray:
     """Blend weight of each Gaussian in a view, in pixels, (N,)."""
     labels = np.zeros((camera.height, camera.width), np.uint8)
-    return renderer.blend_weights(gaussians, camera, labels, 1)[:, 0]
+    return blend_weights(gaussians, camera, labels, 1)[:, 0]
 
 
-def shown_weights(gaussians: Gaussians, cameras: Sequence[Camera], renderer: Renderer) -> list[FloatArray]:
+def shown_weights(gaussians: Gaussians, cameras: Sequence[Camera]) -> list[FloatArray]:
     """Return the same in each of several views, (N,) each."""
     plain = gaussians.replace(sh_rest=gaussians.sh_rest[:, :, :0])  # how much they show does not depend on colours
-    return list(parallel_map(lambda camera: shown_weight(plain, camera, renderer), cameras, using=[renderer]))
+    return list(parallel_map(lambda camera: shown_weight(plain, camera), cameras))
 
 
 def check_pixel(camera: Camera, x: int, y: int) -> None:
@@ -90,7 +90,7 @@ def look_at_pixel(scene: ViewedScene, x: int, y: int) -> Target:
     """
     camera = scene.camera
     check_pixel(camera, x, y)
-    rows, weights = scene.renderer.top_contributors(scene.gaussians, camera, np.array([[x, y]]), CONTRIBUTORS)
+    rows, weights = top_contributors(scene.gaussians, camera, np.array([[x, y]]), CONTRIBUTORS)
     depth = float(surface_depths(scene.gaussians, camera, rows, weights)[0])
     if not np.isfinite(depth):
         raise InputError(f"Nothing is seen at the pixel ({x}, {y}); choose another one, or another view.")
@@ -100,11 +100,11 @@ def look_at_pixel(scene: ViewedScene, x: int, y: int) -> Target:
     return Target(camera.centre + ray * depth / (ray @ camera.forward), depth, seeds)
 
 
-def surface_points(gaussians: Gaussians, camera: Camera, pixels: IntArray, renderer: Renderer) -> Float64Array:
+def surface_points(gaussians: Gaussians, camera: Camera, pixels: IntArray) -> Float64Array:
     """Return points of the scene that show at some pixels (P, 2), NaN where hardly anything is visible, (P, 3)."""
     if not len(gaussians):
         return np.full((len(pixels), 3), np.nan)
-    rows, weights = renderer.top_contributors(gaussians, camera, pixels, CONTRIBUTORS)
+    rows, weights = top_contributors(gaussians, camera, pixels, CONTRIBUTORS)
     depths = surface_depths(gaussians, camera, rows, weights)
     rays = camera.ray_directions(np.asarray(pixels + 0.5, np.float64))
     depths[np.isinf(depths)] = np.nan

@@ -16,7 +16,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet, Viewpoint, training_came
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray, rotation_matrices
 from gaussian_trimmer.geometry.neighbours import nearest
-from gaussian_trimmer.rendering import Renderer, parallel_map
+from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.surface.overview import drawn_part, plan_overview
 from gaussian_trimmer.surface.surface_estimates import SurfaceEstimates, colour_bins, directions_to, estimate_surface
 from gaussian_trimmer.surface.viewed_scene import shown_weight
@@ -142,7 +142,6 @@ def views_of(scene: Gaussians, cameras: CameraSet | None, up: Float64Array) -> l
 def look_at(
     scene: Gaussians,
     views: Sequence[Viewpoint],
-    renderer: Renderer,
     looked: Callable[[int], None] = lambda number: None,
 ) -> Look:
     """Find the Gaussians that show in some views.
@@ -150,7 +149,6 @@ def look_at(
     Args:
         scene: all N Gaussians.
         views: where it is seen from.
-        renderer: draws the views.
         looked: called before each view with its number, from 1.
 
     Raises:
@@ -162,9 +160,9 @@ def look_at(
 
     def weighed(view: Viewpoint) -> tuple[IntArray, FloatArray]:
         drawn, rows = drawn_part(plain, view)
-        return rows, shown_weight(drawn, view.camera, renderer)
+        return rows, shown_weight(drawn, view.camera)
 
-    for number, (rows, weights) in enumerate(parallel_map(weighed, small, using=[renderer])):
+    for number, (rows, weights) in enumerate(parallel_map(weighed, small)):
         looked(number + 1)
         shown[number, rows] = weights
     total = shown.sum(axis=0)
@@ -237,11 +235,10 @@ def find_visible_surface(
     scene: Gaussians,
     views: Sequence[Viewpoint],
     up: Float64Array,
-    renderer: Renderer,
     looked: Callable[[int], None] = lambda number: None,
 ) -> VisibleSurface:
     """Return the surface that some views show, as `look_at` and `visible_surface` find it."""
-    look = look_at(scene, views, renderer, looked)
+    look = look_at(scene, views, looked)
     return visible_surface(scene, look, measure(scene, [look]), up)
 
 

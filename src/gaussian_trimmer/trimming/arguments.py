@@ -15,8 +15,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet, vector_of_up
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
 from gaussian_trimmer.masks import Segmenter
-from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.parallel import is_thread_safe, parallel_map
 from gaussian_trimmer.settings import check_settings
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.stroke_cuts import StrokeCut
@@ -46,7 +45,6 @@ class Setup:
 
     scene: Gaussians
     config: TrimConfig
-    renderer: Renderer
     segmenter: Segmenter
     cameras: CameraSet | None = None
     """The cameras that the scene was trained with."""
@@ -60,8 +58,8 @@ class Setup:
     """What speaks against it."""
 
     def map(self, work: Callable[..., Made], *items: Iterable[Any]) -> Iterator[Made]:
-        """Do as `map` does, for work with renderer and segmenter."""
-        return parallel_map(work, *items, using=[self.renderer, self.segmenter])
+        """Do as `map` does, for work with the segmenter."""
+        return (parallel_map if is_thread_safe(self.segmenter) else map)(work, *items)
 
 
 def mask_of_selection(selection: ArrayLike, n: int) -> BoolArray:

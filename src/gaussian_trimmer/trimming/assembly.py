@@ -8,7 +8,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import training_cameras
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, LabelArray, concatenate
-from gaussian_trimmer.masks import description_of, name_of
+from gaussian_trimmer.masks import description_of
 from gaussian_trimmer.removal.inpainting import scale_radiance
 from gaussian_trimmer.removal.remove import Removal
 from gaussian_trimmer.trimming.arguments import Setup
@@ -39,7 +39,7 @@ def assemble_object(
         around = concatenate([crop.local.select(others), cut_off.gaussians])
         pieces, not_fitted = refine(pieces, around, decision.outline, setup.config.refinement)
     for cut in rough.cuts:
-        pieces, fallen = cut_at_stroke(pieces, cut, setup.renderer)
+        pieces, fallen = cut_at_stroke(pieces, cut)
         cut_off = cut_off.followed_by(fallen)
     unsplit = np.where(np.isin(pieces.source, rough.rows), RowLabel.KEPT, RowLabel.ADDED)
     if decision.refused:
@@ -131,9 +131,7 @@ def assemble_result(
         discarded=np.flatnonzero(discarded),
         contested=contested,
         config=setup.config,
-        renderer=name_of(setup.renderer),
         segmenter=description_of(setup.segmenter),
-        used_renderer=setup.renderer,
         cameras=tuple(training_cameras(setup.cameras)),
         seconds=seconds,
     )

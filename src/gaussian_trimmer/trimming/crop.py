@@ -19,7 +19,8 @@ from gaussian_trimmer.gaussians import (
     mask_of_rows,
 )
 from gaussian_trimmer.geometry.bounds import Bounds, touching
-from gaussian_trimmer.rendering import Renderer, Rendering, parallel_map
+from gaussian_trimmer.parallel import parallel_map
+from gaussian_trimmer.rendering import Rendering, blend_values, render
 from gaussian_trimmer.trimming.arguments import Setup
 from gaussian_trimmer.trimming.config import CONTEXT_RADIUS
 from gaussian_trimmer.views.observed_angles import cameras_that_see
@@ -107,34 +108,29 @@ def crop_scene(setup: Setup, selection: BoolArray, excluded: BoolArray, up: Floa
     return SceneCrop(scene, bounds, planned, rows, selected, (excluded & ~selection)[rows], scene.select(occluding))
 
 
-def render_crop(crop: SceneCrop, renderer: Renderer) -> SceneRenderings:
+def render_crop(crop: SceneCrop) -> SceneRenderings:
     """Draw a crop and the selected object in it for each of its cameras."""
 
     def drawn(gaussians: Gaussians) -> list[Rendering]:
-        return list(parallel_map(lambda c: renderer.render(gaussians, c, weights=True), crop.cameras, using=[renderer]))
+        return list(parallel_map(lambda c: render(gaussians, c, weights=True), crop.cameras))
 
     pictures, isolated = drawn(crop.shown), drawn(crop.local.select(crop.selected))
     visible, alone = (visible_weight([p.weights for p in shown], crop.cameras) for shown in (pictures, isolated))
     return SceneRenderings(pictures, isolated, visible[: len(crop.local)], alone)
 
 
-def complete_views(
-    crop: SceneCrop, renderings: SceneRenderings, probability: FloatArray, renderer: Renderer
-) -> list[View]:
+def complete_views(crop: SceneCrop, renderings: SceneRenderings, probability: FloatArray) -> list[View]:
     """Return what the segmenter is given for each camera of a crop.
 
     Args:
         crop: the object and the Gaussians around it, L of them.
         renderings: what its cameras see.
         probability: the corrected labels, (L,).
-        renderer: draws the labels.
     """
     shares = np.zeros((len(crop.shown), 2), np.float32)
     shares[: len(probability)] = np.stack([crop.selected, probability], axis=1)
     views = []
-    values = parallel_map(
-        lambda camera: renderer.blend_values(crop.shown, camera, shares), crop.cameras, using=[renderer]
-    )
+    values = parallel_map(lambda camera: blend_values(crop.shown, camera, shares), crop.cameras)
     drawn = zip(crop.cameras, renderings.pictures, renderings.isolated, values, strict=True)
     for camera, picture, alone, shown in drawn:
         visible, expected = np.ascontiguousarray(shown[..., 0]), np.ascontiguousarray(shown[..., 1])

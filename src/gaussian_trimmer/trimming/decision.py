@@ -71,21 +71,21 @@ class Decision:
 
 def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
     """Decide which Gaussians belong to an object as if it were the only one."""
-    config, renderer, segmenter = setup.config, setup.renderer, setup.segmenter
+    config, segmenter = setup.config, setup.segmenter
     with clock("plan"):
         decision = _plan(setup, rough)
     crop = decision.crop
     if decision.refused:
         return decision
     with clock("render"):
-        renderings = render_crop(crop, renderer)
+        renderings = render_crop(crop)
     with clock("correct"):
         probability = correct_labels(crop.local, crop.selected, renderings.visible, crop.bounds, config.label_crf)
         probability[crop.excluded] = 0
     with clock("render"):
-        unsegmented = complete_views(crop, renderings, probability, renderer)
+        unsegmented = complete_views(crop, renderings, probability)
     with clock("segment"):
-        masks = checked_masks(segmenter, unsegmented, crop.shown, renderer, lambda part: clock.part(f"segment {part}"))
+        masks = checked_masks(segmenter, unsegmented, crop.shown, lambda part: clock.part(f"segment {part}"))
         judged = mask_source_of(segmenter) != "labels"
         views = check_masks(unsegmented, masks, config.acceptance, judged)
     decision = replace(decision, views=tuple(views))
@@ -95,9 +95,9 @@ def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
     accepted = [view for view in views if not view.rejected]
     with clock("split"):  # by default nothing is cut here: the fit cuts what the vote chose
         candidates = crop.selected | (probability > HALF)
-        parts = split_straddlers(crop.shown, candidates, accepted, renderer, config.boundary, config.split)
+        parts = split_straddlers(crop.shown, candidates, accepted, config.boundary, config.split)
     with clock("weigh"):
-        parts = vote(crop.shown, parts, crop.selected, probability, views, renderer, config.evidence)
+        parts = vote(crop.shown, parts, crop.selected, probability, views, config.evidence)
     with clock("prune"):
         positions, weights = crop.local.means / np.float32(crop.bounds.radius), renderings.visible.astype(np.float64)
         plane = find_support_plane(positions, parts.members, weights, crop.bounds, config.label_crf.support_plane)

@@ -18,7 +18,6 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.rendering.lifting import UNDECIDED, label_weights, share_inside
 from gaussian_trimmer.settings import Share, Weight
 from gaussian_trimmer.trimming.alpha_targets import ObjectRender, OutlineViews
@@ -84,7 +83,6 @@ def vote(
     selection: BoolArray,
     probability: FloatArray,
     views: Sequence[TrimmedView],
-    renderer: Renderer,
     config: EvidenceConfig,
 ) -> Decomposition:
     """Decide which Gaussians belong to the object by the evidence of the whole scene, and judge the parts of cut ones.
@@ -98,13 +96,12 @@ def vote(
         selection: what is selected, (N,).
         probability: corrected labels, (N,).
         views: views with their masks, accepted or not.
-        renderer: gives blend weights.
         config: thresholds.
     """
     pieces = parts.parts_of(gaussians)
     accepted = [trimmed for trimmed in views if not trimmed.rejected]
     cameras = [trimmed.view.camera for trimmed in accepted]
-    of_views = list(label_weights(pieces, cameras, [trimmed.mask for trimmed in accepted], renderer))
+    of_views = list(label_weights(pieces, cameras, [trimmed.mask for trimmed in accepted]))
     sums = visible_weight(of_views, [trimmed.view.camera for trimmed in views])  # (pieces, 2)
     n, n_split = len(selection), len(parts.split)
     n_uncut = len(gaussians) - n_split  # with what hides them

@@ -15,7 +15,6 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, LabelArray, concatenate, mask_of_rows
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.up_vector import UpVector
 from gaussian_trimmer.views.view import TrimmedView
@@ -119,12 +118,8 @@ class TrimResult:
     """Number of Gaussians that several objects claimed."""
     config: TrimConfig
     """The settings."""
-    renderer: str
-    """Name of the renderer."""
     segmenter: str
     """What the segmenter says of itself: its name, or more."""
-    used_renderer: Renderer
-    """The renderer itself, which draws the pictures that are saved."""
     cameras: tuple[Camera, ...]
     """The training cameras, if known."""
     seconds: dict[str, float]

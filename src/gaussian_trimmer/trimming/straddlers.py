@@ -13,7 +13,8 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.distances import distance_to_outside
 from gaussian_trimmer.geometry.split import SPLIT_RULES
-from gaussian_trimmer.rendering import Renderer, parallel_map
+from gaussian_trimmer.parallel import parallel_map
+from gaussian_trimmer.rendering import blend_weights, top_contributors
 from gaussian_trimmer.settings import Range
 from gaussian_trimmer.trimming.evidence import Decomposition
 from gaussian_trimmer.views.view import TrimmedView
@@ -63,7 +64,6 @@ def split_straddlers(
     gaussians: Gaussians,
     candidates: BoolArray,
     accepted: Sequence[TrimmedView],
-    renderer: Renderer,
     boundary: BoundaryConfig,
     config: SplitConfig,
 ) -> Decomposition:
@@ -73,7 +73,6 @@ def split_straddlers(
         gaussians: what the views show: L Gaussians, of which the first N may be cut.
         candidates: which of these N may be, (N,).
         accepted: views whose masks were accepted.
-        renderer: gives blend weights, and the contributors of the contours' pixels.
         boundary: which Gaussians straddle.
         config: the rule that cuts them.
 
@@ -82,7 +81,7 @@ def split_straddlers(
     """
     if config.rule == "none" or not candidates.any():
         return Decomposition(candidates, np.zeros(0, np.int64))
-    found = find_straddlers(gaussians, candidates, accepted, renderer, boundary)
+    found = find_straddlers(gaussians, candidates, accepted, boundary)
     cut = SPLIT_RULES[config.rule](gaussians.select(found.rows), found.normals, found.offsets)
     return Decomposition(candidates, found.rows, *cut)
 
@@ -91,7 +90,6 @@ def find_straddlers(
     gaussians: Gaussians,
     candidates: BoolArray,
     views: Sequence[TrimmedView],
-    renderer: Renderer,
     config: BoundaryConfig,
 ) -> Straddlers:
     """Find straddlers over all views. Where several views find the same one, that of the largest minor weight cuts it.
@@ -100,14 +98,13 @@ def find_straddlers(
         gaussians: what the views show: L Gaussians, of which the first N may straddle.
         candidates: which of these N may, (N,).
         views: accepted views.
-        renderer: gives blend weights, and the contributors of the contours' pixels.
         config: thresholds.
     """
 
     def in_view(trimmed: TrimmedView) -> Straddlers:
-        return straddlers_in_view(gaussians, candidates, trimmed.view.camera, trimmed.mask, renderer, config)
+        return straddlers_in_view(gaussians, candidates, trimmed.view.camera, trimmed.mask, config)
 
-    found = list(parallel_map(in_view, views, using=[renderer]))
+    found = list(parallel_map(in_view, views))
     rows = np.concatenate([straddlers.rows for straddlers in found])
     normals = np.concatenate([straddlers.normals for straddlers in found])
     offsets = np.concatenate([straddlers.offsets for straddlers in found])
@@ -136,7 +133,6 @@ def straddlers_in_view(
     candidates: BoolArray,
     camera: Camera,
     mask: BoolArray,
-    renderer: Renderer,
     config: BoundaryConfig,
 ) -> Straddlers:
     """Find the straddlers of one mask (H, W); arguments as those of `find_straddlers`."""
@@ -144,9 +140,9 @@ def straddlers_in_view(
     pixels = contour_pixels(mask, config.band)
     if len(pixels) == 0:
         return none
-    ids, contributions = renderer.top_contributors(gaussians, camera, pixels, config.contributors)
+    ids, contributions = top_contributors(gaussians, camera, pixels, config.contributors)
     rows = np.unique(ids[(ids >= 0) & (ids < len(candidates)) & (contributions > 0)])
-    weights = renderer.blend_weights(gaussians, camera, mask.astype(np.uint8), 2)
+    weights = blend_weights(gaussians, camera, mask.astype(np.uint8), 2)
     minor_weight = weights.min(axis=1)
     rows = rows[candidates[rows] & (minor_weight[rows] > 0)]
     if len(rows) == 0:

@@ -9,7 +9,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.geometry.split import split_plane
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import blend_weights
 from gaussian_trimmer.trimming.refinement import Pieces
 from gaussian_trimmer.trimming.straddlers import BoundaryConfig, straddlers_in_view
 
@@ -30,7 +30,7 @@ class StrokeCut:
     """What was selected again after it, (N,)."""
 
 
-def cut_at_stroke(pieces: Pieces, cut: StrokeCut, renderer: Renderer) -> tuple[Pieces, Pieces]:
+def cut_at_stroke(pieces: Pieces, cut: StrokeCut) -> tuple[Pieces, Pieces]:
     """Cut an object, seen alone, at a stroke: what crosses both of its edges, or shows under what was cut, in rounds.
 
     Parts and fitted Gaussians under the stroke go. Other whole ones there are not the object's, or were selected again.
@@ -38,16 +38,15 @@ def cut_at_stroke(pieces: Pieces, cut: StrokeCut, renderer: Renderer) -> tuple[P
     Args:
         pieces: the object.
         cut: the stroke.
-        renderer: tells what shows.
 
     Returns:
         The object, with the Gaussians that were cut after all others, and what was cut off.
     """
     inner, off = pieces, pieces.select(np.zeros(0, np.int64))
     for _ in range(_ROUNDS):
-        beside, under = renderer.blend_weights(inner.gaussians, cut.camera, cut.mask.astype(np.uint8), 2).T
+        beside, under = blend_weights(inner.gaussians, cut.camera, cut.mask.astype(np.uint8), 2).T
         crossing = ~cut.spared[inner.source] & (under > _LEAST_SHARE * (under + beside))
-        found = straddlers_in_view(inner.gaussians, crossing, cut.camera, ~cut.mask, renderer, BoundaryConfig())
+        found = straddlers_in_view(inner.gaussians, crossing, cut.camera, ~cut.mask, BoundaryConfig())
         gone = crossing & (inner.part | inner.fitted) & (under > beside)
         gone[found.rows] = False
         kept = ~gone

@@ -17,7 +17,6 @@ from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.masks import DEFAULT_SEGMENTER, Segmenter, get_segmenter
 from gaussian_trimmer.removal.remove import Removal, remove
 from gaussian_trimmer.removal.views import RemovalViews
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.trimming.arguments import RoughObject, Setup, mask_of_excluded, rough_objects, settings
 from gaussian_trimmer.trimming.assembly import assemble_object, assemble_result
 from gaussian_trimmer.trimming.clock import LOG, Clock, Progress
@@ -25,7 +24,6 @@ from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.decision import Decision, decide
 from gaussian_trimmer.trimming.diagnosis import up_warning
 from gaussian_trimmer.trimming.overlaps import resolve_overlaps
-from gaussian_trimmer.trimming.plugin_checks import check_renderer
 from gaussian_trimmer.trimming.result import THE_OBJECT, TrimResult
 from gaussian_trimmer.trimming.up_vector import KNOWN_SOURCES, find_up
 from gaussian_trimmer.views.small_views import views_of_place
@@ -36,7 +34,6 @@ def trim(
     selection: ArrayLike,
     *,
     config: TrimConfig | None = None,
-    renderer: Renderer | str = DEFAULT_RENDERER,
     segmenter: Segmenter | str = DEFAULT_SEGMENTER,
     cameras: CameraSet | Sequence[Camera] | None = None,
     views: int | None = None,
@@ -53,7 +50,7 @@ def trim(
             the object's rows, from 0, each once.
         progress: called with the name of each stage when it begins; segmenters that take seconds a view add which
             one they are at, as in "segment 2 of 5".
-        config, renderer, segmenter, cameras, views, view_cameras, up, excluded: as those of `trim_objects`.
+        config, segmenter, cameras, views, view_cameras, up, excluded: as those of `trim_objects`.
 
     Raises:
         InputError: as `trim_objects`.
@@ -62,7 +59,6 @@ def trim(
         scene,
         {THE_OBJECT: selection},
         config=config,
-        renderer=renderer,
         segmenter=segmenter,
         cameras=cameras,
         views=views,
@@ -79,7 +75,6 @@ def trim_objects(
     objects: Mapping[Any, ArrayLike] | Sequence[ArrayLike] | NDArray[np.integer[Any]],
     *,
     config: TrimConfig | None = None,
-    renderer: Renderer | str = DEFAULT_RENDERER,
     segmenter: Segmenter | str = DEFAULT_SEGMENTER,
     cameras: CameraSet | Sequence[Camera] | None = None,
     views: int | None = None,
@@ -98,7 +93,6 @@ def trim_objects(
             overlap; `find_objects(scene).selections()` gives those that are sure. What marks removed from one stays out
             of that one. Or the id of each Gaussian's object, integers (N,), 0 for none.
         config: settings of all stages.
-        renderer: a renderer, or the name of one.
         segmenter: a segmenter, or the name of one.
         cameras: the cameras that the scene was trained with, a set or a list, if known: they give the up vector and
             the range of angles from which an object was observed.
@@ -111,7 +105,7 @@ def trim_objects(
 
     Raises:
         InputError: there is no object; a selection does not fit the scene, is empty or can be understood in two ways;
-            a setting is out of its range; the scene holds numbers with which nothing can be computed; or a renderer or
+            a setting is out of its range; the scene holds numbers with which nothing can be computed; or a
             segmenter of the caller's gives something else than its contract says.
     """
     check_gaussians(scene)
@@ -121,13 +115,11 @@ def trim_objects(
     setup = Setup(
         scene=scene,
         config=settings(config, views, up, view_cameras),
-        renderer=get_renderer(renderer) if isinstance(renderer, str) else renderer,
         segmenter=get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter,
         cameras=cameras,
         view_cameras=view_cameras,
         excluded=mask_of_excluded(excluded, len(scene)),
     )
-    check_renderer(setup.renderer)
     numbers = range(1, len(rough) + 1)
     decisions = _decide_all(setup, rough, clock)
     with clock("share out"):
@@ -184,7 +176,7 @@ def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) ->
     target = crop.local.select(of_crop == number)
     bounds = robust_bounds(target, own_frame(target, crop.bounds.axes[2]))
     around, above = (views_of_place(bounds, setup.config.refinement.size, above) for above in (False, True))
-    views = RemovalViews(crop.local, of_crop == number, of_crop > 0, bounds, around, setup.renderer, above)
+    views = RemovalViews(crop.local, of_crop == number, of_crop > 0, bounds, around, above)
     removal = remove(views, fill=setup.config.background == "filled", with_standing=setup.config.with_what_stands_on_it)
     if removal.not_filled:
         LOG.info("not filled: %s", removal.not_filled)

@@ -23,7 +23,6 @@ from gaussian_trimmer.masks import (
     segmenter_with,
 )
 from gaussian_trimmer.options import Names, arg
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES
 from gaussian_trimmer.settings import from_plain, hints_of
 from gaussian_trimmer.trimming.config import PlanConfig, TrimConfig, paper_config
 
@@ -49,8 +48,6 @@ class TrimOptions:
     """Number of virtual views. Short for --plan.views."""
     segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
     """How the object is found in the views."""
-    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
-    """What renders the views; auto is numba, on the CPU. gsplat (GPU) is used only if you ask for it."""
     config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)
     segmenter_options: Annotated[Any, arg(name="")] = field(default_factory=SegmenterOptions)
 
@@ -103,17 +100,16 @@ def settings_in(path: Path) -> dict[Names, Any]:
         raise InputError(f"'{path}' holds no settings; give the report.json of a trim, or a settings.json.")
     where, inputs = f"'{path}': ", data.get("inputs", data)
     found: dict[Names, Any] = {("config",): from_plain(config, TrimConfig, f"{where}configuration")}
-    chosen = {"segmenter": data.get("segmenter"), "renderer": data.get("renderer")} | inputs
-    for name, known in (("segmenter", SEGMENTERS), ("renderer", RENDERER_CHOICES)):
-        if chosen[name] in known:
-            found[name,] = chosen[name]
+    segmenter = inputs.get("segmenter", data.get("segmenter"))
+    if segmenter in SEGMENTERS:
+        found["segmenter",] = segmenter
     for name in ("level", "trust_paths", "format", "preset"):
         if inputs.get(name) is not None:
             found[name,] = from_plain(inputs[name], hints_of(TrimOptions)[name], f"{where}{name}")
     kind = options_kind(str(found.get(("segmenter",), DEFAULT_SEGMENTER)))
     if kind is not None and inputs.get("segmenter_options"):
         own = from_plain(inputs["segmenter_options"], kind, f"{where}segmenter_options")
-        found["segmenter_options", field_name(chosen["segmenter"])] = own
+        found["segmenter_options", field_name(segmenter)] = own
     return found
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import blend_values, render
 
 _MIN_INSIDE = 0.9
 """Smallest share of the object's outline, in area, that a photograph must hold, if some photograph holds so much."""
@@ -67,11 +67,11 @@ def photo_views(
     return [_cropped(cameras[i], boxes[i], size, fill) for i in sorted(chosen)]
 
 
-def visible_share(scene: Gaussians, selection: BoolArray, camera: Camera, renderer: Renderer) -> float:
+def visible_share(scene: Gaussians, selection: BoolArray, camera: Camera) -> float:
     """Return how much of a selected object a camera sees that nothing hides, in [0, 1]; 0 if it sees nothing of it."""
     small = camera.resized(_SMALL_PIXELS / max(camera.width, camera.height))
-    alone = float(renderer.render(scene.select(selection), small).alpha.sum())
-    shown = float(renderer.blend_values(scene, small, selection.astype(np.float32)[:, None]).sum())
+    alone = float(render(scene.select(selection), small).alpha.sum())
+    shown = float(blend_values(scene, small, selection.astype(np.float32)[:, None]).sum())
     return min(shown / alone, 1.0) if alone > 0 else 0.0
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera, look_at, up_frame
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.storey import find_storey, sampled
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import render
 
 _EYE_SHARE, _FREE_SHARE, _NOD = 0.6, 0.5, 0.2
 """How high an eye is between floor and ceiling; what is nearer than this share of the room's height stands in the way;
@@ -19,15 +19,12 @@ _TRIED_GAUSSIANS = 40_000
 _STAND_PIXELS, _STAND_K = (96, 64), np.array([[60.0, 0, 48], [0, 60, 32], [0, 0, 1]])
 
 
-def stands_in_rooms(
-    scene: Gaussians, up: Float64Array, renderer: Renderer, count: int = 1
-) -> list[tuple[Float64Array, Float64Array]]:
+def stands_in_rooms(scene: Gaussians, up: Float64Array, count: int = 1) -> list[tuple[Float64Array, Float64Array]]:
     """Return from where a person sees most of what is below the eyes, and towards what, (3,) each; nothing outdoors.
 
     Args:
         scene: all N Gaussians.
         up: the up vector, (3,).
-        renderer: draws what is seen.
         count: number of looks at most; each shows most of what those before it do not.
     """
     scene = sampled(scene)
@@ -51,7 +48,7 @@ def stands_in_rooms(
     for place, eye in enumerate(eyes):
         for turn, target in enumerate(targets):
             camera = Camera(look_at(eye, eye + target, up), _STAND_K, *_STAND_PIXELS, near=room / 100)
-            seen = renderer.render(scene, camera, weights=True)
+            seen = render(scene, camera, weights=True)
             free = (seen.alpha * (seen.depth > _FREE_SHARE * room)).mean()
             shown[place, turn] = free * np.minimum(seen.weights[below], _MOST_PIXELS)
     found, known = [], np.zeros(shown.shape[2], np.float32)

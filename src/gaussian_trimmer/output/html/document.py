@@ -40,7 +40,7 @@ def document(title: str, body: str, *, style: str = "", script: str = "", stands
     policy = [f"script-src {scripts}", "base-uri 'none'", "form-action 'none'"]
     if stands_alone:
         policy = ["default-src 'none'", "img-src data:", "style-src 'unsafe-inline'", *policy]
-    page = render(
+    page = render_page(
         "page.html",
         title=title,
         policy="; ".join(policy),
@@ -51,7 +51,7 @@ def document(title: str, body: str, *, style: str = "", script: str = "", stands
     return str(page)
 
 
-def render(template: str, **values: Any) -> Markup:
+def render_page(template: str, **values: Any) -> Markup:
     """Return a template of `assets` with values, all of which are shown as plain text unless they are `Markup`."""
     return as_markup(_environment().get_template(template).render(values))
 

@@ -20,7 +20,6 @@ from gaussian_trimmer.output.pictures import (
     nearby_scene,
 )
 from gaussian_trimmer.output.report import object_entries
-from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.trimming.result import RowLabel, TrimmedObject, TrimResult
 from gaussian_trimmer.views.observed_angles import cameras_that_see
 
@@ -111,7 +110,7 @@ def view_figures(result: TrimResult) -> list[Figure]:
     for number in shown_views(part):
         view = part.views[number]
         name = f" ({view.view.camera.name})" if view.view.camera.name else ""
-        figure = _draw_figure(f"view {number}{name}", view.view.camera, drawn, result.used_renderer)
+        figure = _draw_figure(f"view {number}{name}", view.view.camera, drawn)
         height, width = figure.pictures[OBJECT].shape[:2]
         outlines = np.asarray(cv2.resize(draw_outlines(view), (width, height), interpolation=cv2.INTER_AREA), np.uint8)
         doubt = f"rejected: {view.rejected}" if view.rejected else ""
@@ -128,8 +127,8 @@ def background_figures(result: TrimResult) -> list[Figure]:
     layers = {SCENE: result.scene, REST: result.background} if whole else {}
     near_layers = {SCENE: nearby_scene(result, part), REST: nearby_background(result, part)} if near else {}
     return [
-        *(_draw_figure(caption, camera, layers, result.used_renderer) for caption, camera in whole),
-        *(_draw_figure(caption, camera, near_layers, result.used_renderer) for caption, camera in near),
+        *(_draw_figure(caption, camera, layers) for caption, camera in whole),
+        *(_draw_figure(caption, camera, near_layers) for caption, camera in near),
     ]
 
 
@@ -141,7 +140,7 @@ def object_figures(result: TrimResult, part: TrimmedObject) -> list[Figure]:
         SCENE: nearby_scene(result, part),
         REST: nearby_background(result, part),
     }
-    figures = [_draw_figure(part.title, view.view.camera, layers, result.used_renderer) for view in views[:1]]
+    figures = [_draw_figure(part.title, view.view.camera, layers) for view in views[:1]]
     return [
         Figure(f.caption, f.pictures, f"rejected: {views[0].rejected}" if views[0].rejected else "") for f in figures
     ]
@@ -152,10 +151,10 @@ def _before_and_after(result: TrimResult, part: TrimmedObject) -> dict[str, Gaus
     return {SELECTION: selected, OBJECT: part.gaussians, CHANGES: coloured_changes(result, part)}
 
 
-def _draw_figure(caption: str, camera: Camera, layers: Mapping[str, Gaussians], renderer: Renderer) -> Figure:
+def _draw_figure(caption: str, camera: Camera, layers: Mapping[str, Gaussians]) -> Figure:
     """Draw a figure with a picture of each of several sets of Gaussians, by what they are."""
     camera = camera.resized(min(1.0, _MOST_PIXELS / max(camera.width, camera.height)))
-    return Figure(caption, {name: draw_gaussians(layer, camera, renderer) for name, layer in layers.items()})
+    return Figure(caption, {name: draw_gaussians(layer, camera) for name, layer in layers.items()})
 
 
 def _evenly(things: Sequence[_Thing], count: int) -> list[_Thing]:

@@ -12,7 +12,7 @@ import cv2
 from markupsafe import Markup
 
 from gaussian_trimmer.io.writing import write_whole
-from gaussian_trimmer.output.html.document import as_markup, asset, document, render
+from gaussian_trimmer.output.html.document import as_markup, asset, document, render_page
 from gaussian_trimmer.output.html.figures import (
     BACKGROUND_PAIRINGS,
     CHANGE_PAIRINGS,
@@ -59,7 +59,7 @@ def report_page(result: TrimResult, report: Mapping[str, Any]) -> str:
     links += [("changes", "What was done")]
     links += [] if several else [("background", "The scene without the object"), ("errors", "How good is it?")]
     title = _title(result, report["inputs"])
-    body = render(
+    body = render_page(
         "report.html",
         title=title,
         report=report,
@@ -126,7 +126,7 @@ def _facts(report: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
     yield from ((name, value) for name, value in _flat(report["inputs"]) if value not in (None, [], (), {}))
     if "up" in report:
         yield "up vector", up_text(**report["up"])
-    yield from ((name, report[name]) for name in ("segmenter", "renderer", "version"))
+    yield from ((name, report[name]) for name in ("segmenter", "version"))
 
 
 def _changed_settings(configuration: Mapping[str, Any]) -> Iterator[tuple[str, object]]:

@@ -1,4 +1,4 @@
-"""The CPU renderer: tile-based, parallel over tiles, vectorised over the pixels of a tile.
+"""Draw views: tile-based, parallel over tiles, vectorised over the pixels of a tile.
 
 Three steps, each a compiled kernel: project every Gaussian, list for every tile the Gaussians that reach it from near
 to far, blend. The first two are kept for the last few pairs of Gaussians and camera, as many as fit into half a
@@ -23,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.parallel import WORTH_A_THREAD, parallel_for
-from gaussian_trimmer.rendering import FRUSTUM_MARGIN, Rendering, check_pairs, pixels_inside
+from gaussian_trimmer.rendering.blending import FRUSTUM_MARGIN, MOST_PAIRS, Rendering
 from gaussian_trimmer.rendering.numba_kernels import blend_tiles, sum_pairs, top_of_pixels
 from gaussian_trimmer.rendering.projection_kernels import (
     TILE,
@@ -95,61 +96,73 @@ class Projection:
         return all_sums
 
 
-class NumbaRenderer:
-    """Renders on the CPU. Accurate to about 1e-4 in colour against the float64 reference."""
+def render(
+    gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
+) -> Rendering:
+    """Render colour, alpha and depth of a view and, in the same pass if asked for, the blend weights of Gaussians.
 
-    name = "numba"
-    thread_safe = True
+    Accurate to about 1e-4 in colour against a computation in float64. `background` is an RGB colour (3,), black if not
+    given.
+    """
+    projection = _kept_projections.project(gaussians, camera)
+    labels = np.ones((int(weights), camera.height, camera.width), np.float32)
+    image, sums = _blend(projection, projection.colours, camera, labels)
+    rgb, alpha = np.asarray(cv2.merge(list(image[:3])), np.float32), np.ascontiguousarray(image[4])
+    if background is not None:
+        rgb = rgb + (1 - alpha)[..., None] * np.asarray(background, np.float32)
+    depth = np.divide(image[3], alpha, out=np.zeros_like(alpha), where=alpha > 0)
+    return Rendering(rgb, alpha, depth, projection.scattered(sums, len(gaussians)).ravel())
+
+
+def blend_values(gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
+    """Sum over Gaussians of alpha_i T_i values_i at each pixel, for any values (N, C), as (H, W, C)."""
+    projection = _kept_projections.project(gaussians, camera)
+    drawn = np.ascontiguousarray(values[projection.rows], np.float32)
+    return np.stack(list(_blend(projection, drawn, camera, _NO_LABELS)[0][:-1]), axis=-1)
+
+
+def blend_weights(gaussians: Gaussians, camera: Camera, labels: NDArray[np.uint8], n_labels: int) -> FloatArray:
+    """Sum over pixels of alpha_i T_i, separately by the pixels' labels (H, W), as (N, n_labels).
+
+    Pixels whose label is n_labels or more are left out.
+    """
+    projection = _kept_projections.project(gaussians, camera)
+    indicators = (labels[None] == np.arange(n_labels, dtype=np.uint8)[:, None, None]).astype(np.float32)
+    no_values = np.zeros((len(projection.rows), 0), np.float32)
+    return projection.scattered(_blend(projection, no_values, camera, indicators)[1], len(gaussians))
+
+
+def top_contributors(gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int) -> tuple[IntArray, FloatArray]:
+    """Return the k Gaussians of largest blend weight at each asked pixel (x, y), by reverse alpha blending.
+
+    Returns row numbers (P, k), -1 where fewer than k contribute, and weights (P, k) in falling order.
+
+    Raises:
+        ValueError: a pixel lies outside the camera's image.
+    """
+    pixels = np.asarray(pixels, np.int64).reshape(-1, 2)
+    if len(pixels) and not ((pixels >= 0).all() and (pixels < [camera.width, camera.height]).all()):
+        raise ValueError(f"Pixels must lie in the image of {camera.width} x {camera.height}.")
+    projection = _kept_projections.project(gaussians, camera)
+    ids, weights = np.full((len(pixels), k), -1, np.int64), np.zeros((len(pixels), k), np.float32)
+    for tiles in projection.parts(camera):
+        parallel_for(
+            lambda first, last, tiles=tiles: top_of_pixels(  # type: ignore[misc]
+                projection.splats, tiles, pixels[first:last], ids[first:last], weights[first:last]
+            ),
+            len(pixels),
+        )
+    return np.where(ids >= 0, projection.rows[ids] if len(projection.rows) else -1, -1), weights
+
+
+class ProjectionCache:
+    """The projections of the last few pairs of Gaussians and camera; it keeps neither of them alive."""
 
     def __init__(self) -> None:
         self._kept: OrderedDict[tuple[int, int], tuple[ref[Gaussians], ref[Camera], Projection]] = OrderedDict()
         self._looking = threading.Lock()
 
-    def render(
-        self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
-    ) -> Rendering:
-        """Render colour, alpha and depth, and the Gaussians' blend weights if asked for; see `Renderer.render`."""
-        projection = self._projection(gaussians, camera)
-        labels = np.ones((int(weights), camera.height, camera.width), np.float32)
-        image, sums = _blend(projection, projection.colours, camera, labels)
-        rgb, alpha = np.asarray(cv2.merge(list(image[:3])), np.float32), np.ascontiguousarray(image[4])
-        if background is not None:
-            rgb = rgb + (1 - alpha)[..., None] * np.asarray(background, np.float32)
-        depth = np.divide(image[3], alpha, out=np.zeros_like(alpha), where=alpha > 0)
-        return Rendering(rgb, alpha, depth, projection.scattered(sums, len(gaussians)).ravel())
-
-    def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
-        """Return blend-weighted sums of per-Gaussian values; see `Renderer.blend_values`."""
-        projection = self._projection(gaussians, camera)
-        drawn = np.ascontiguousarray(values[projection.rows], np.float32)
-        return np.stack(list(_blend(projection, drawn, camera, _NO_LABELS)[0][:-1]), axis=-1)
-
-    def blend_weights(
-        self, gaussians: Gaussians, camera: Camera, labels: NDArray[np.uint8], n_labels: int
-    ) -> FloatArray:
-        """Sum over pixels of alpha_i T_i by label; see `Renderer.blend_weights`."""
-        projection = self._projection(gaussians, camera)
-        indicators = (labels[None] == np.arange(n_labels, dtype=np.uint8)[:, None, None]).astype(np.float32)
-        no_values = np.zeros((len(projection.rows), 0), np.float32)
-        return projection.scattered(_blend(projection, no_values, camera, indicators)[1], len(gaussians))
-
-    def top_contributors(
-        self, gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int
-    ) -> tuple[IntArray, FloatArray]:
-        """Return the k largest blend weights at each asked pixel; see `Renderer.top_contributors`."""
-        pixels = pixels_inside(pixels, camera)
-        projection = self._projection(gaussians, camera)
-        ids, weights = np.full((len(pixels), k), -1, np.int64), np.zeros((len(pixels), k), np.float32)
-        for tiles in projection.parts(camera):
-            parallel_for(
-                lambda first, last, tiles=tiles: top_of_pixels(  # type: ignore[misc]
-                    projection.splats, tiles, pixels[first:last], ids[first:last], weights[first:last]
-                ),
-                len(pixels),
-            )
-        return np.where(ids >= 0, projection.rows[ids] if len(projection.rows) else -1, -1), weights
-
-    def _projection(self, gaussians: Gaussians, camera: Camera) -> Projection:
+    def project(self, gaussians: Gaussians, camera: Camera) -> Projection:
         """Project Gaussians into a camera at the first call, and keep the projection while there is room for it."""
         key = id(gaussians), id(camera)
         with self._looking:
@@ -174,8 +187,15 @@ class NumbaRenderer:
             held -= self._kept.popitem(last=False)[1][2].nbytes
 
 
+_kept_projections = ProjectionCache()
+
+
 def project_view(gaussians: Gaussians, camera: Camera, wanted: BoolArray | None = None) -> Projection:
-    """Project, sort by depth (ties by row) and bin into tiles; into those wanted only, (T,), if that is given."""
+    """Project, sort by depth (ties by row) and bin into tiles; into those wanted only, (T,), if that is given.
+
+    Raises:
+        InputError: the pairs of a tile and a Gaussian that reaches it are more than `MOST_PAIRS`.
+    """
     splats, colours, drawn = _projected(gaussians, camera)
     # A key of depth bits above the row number sorts by depth, ties by row, with one plain sort.
     candidates = np.flatnonzero(drawn)
@@ -191,7 +211,12 @@ def project_view(gaussians: Gaussians, camera: Camera, wanted: BoolArray | None 
         counts[~wanted] = 0
     starts = np.zeros(len(counts) + 1, np.int64)
     np.cumsum(counts, out=starts[1:])
-    check_pairs(int(starts[-1]), camera)
+    if starts[-1] > MOST_PAIRS:
+        raise InputError(
+            f"A view of {camera.width} x {camera.height} pixels consists of {starts[-1]:,} pairs of a tile and a "
+            f"Gaussian that reaches it, and at most {MOST_PAIRS:,} can be drawn; take smaller views, or remove "
+            "Gaussians that are as large as the whole picture."
+        )
     listed = starts[-1] * _BYTES_OF_A_PAIR <= _LISTED_BYTES
     return Projection(rows, splats, colours, starts, _binned(splats, starts, 0, camera) if listed else None)
 

@@ -1,6 +1,6 @@
 """The readable renderer: EWA splatting in float64 NumPy, written like its equations.
 
-It is slow and stands alone on purpose: the fast renderers, and the rules for splitting, are tested against it.
+It is slow and stands alone on purpose: the fast renderer, and the rules for splitting, are tested against it.
 Equations are those of "EWA Splatting" (Zwicker et al., 2002) as used by "3D Gaussian Splatting" (Kerbl et al., 2023).
 """
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, rotation_matrices
 from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE
-from gaussian_trimmer.rendering import (
+from gaussian_trimmer.rendering.blending import (
     ALPHA_CAP,
     ALPHA_CUTOFF,
     FRUSTUM_MARGIN,
@@ -25,6 +25,7 @@ from gaussian_trimmer.rendering import (
     TRANSMITTANCE_STOP,
     Rendering,
 )
+from gaussian_trimmer.rendering.harmonics import view_colours
 
 Box = tuple[slice, slice]
 
@@ -44,105 +45,61 @@ class _Splat:
     opacity: float
 
 
-class ReferenceRenderer:
-    """Fulfils the `Renderer` contract by visiting the Gaussians one after the other, nearest first."""
-
-    name = "reference"
-
-    def render(
-        self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
-    ) -> Rendering:
-        """Render colour, alpha and depth, and the Gaussians' blend weights if asked for; see `Renderer.render`."""
-        with _some_not_finite():
-            depths = camera.to_camera(gaussians.means.astype(np.float64))[:, 2]
-            seen = np.column_stack([view_colours(gaussians, camera), depths, np.ones(len(gaussians))])
-        rgb, weighted_depth, alpha = np.split(_blended(gaussians, camera, seen), [3, 4], axis=2)
-        if background is not None:
-            rgb = rgb + (1.0 - alpha) * background
-        depth = np.divide(weighted_depth, alpha, out=np.zeros_like(alpha), where=alpha > 0)
-        everywhere = np.zeros((camera.height, camera.width), np.uint8)
-        return Rendering(
-            rgb.astype(np.float32),
-            alpha[..., 0].astype(np.float32),
-            depth[..., 0].astype(np.float32),
-            self.blend_weights(gaussians, camera, everywhere, 1)[:, 0] if weights else np.zeros(0, np.float32),
-        )
-
-    def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
-        """Sum over Gaussians of alpha_i T_i values_i at each pixel, for any values (N, C), as (H, W, C)."""
-        return _blended(gaussians, camera, values.astype(np.float64)).astype(np.float32)
-
-    def blend_weights(
-        self, gaussians: Gaussians, camera: Camera, labels: NDArray[np.uint8], n_labels: int
-    ) -> FloatArray:
-        """Sum over pixels of alpha_i T_i, separately by the pixels' labels (H, W), as (N, n_labels).
-
-        Pixels whose label is n_labels or more are left out.
-        """
-        sums = np.zeros((len(gaussians), n_labels))
-        for splat, box, weights in _blend(gaussians, camera):
-            for label in range(n_labels):
-                sums[splat.row, label] = weights[labels[box] == label].sum()
-        return sums.astype(np.float32)
-
-    def top_contributors(
-        self, gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int
-    ) -> tuple[IntArray, FloatArray]:
-        """Find the k Gaussians of largest weight at each asked pixel (x, y), nearest first where weights are equal.
-
-        Returns row numbers (P, k), -1 where fewer than k contribute, and weights (P, k) in falling order.
-        """
-        x, y = pixels[:, 0], pixels[:, 1]
-        ids = np.full((len(pixels), k), -1, np.int64)
-        best = np.zeros((len(pixels), k))
-        for splat, (rows, columns), weights in _blend(gaussians, camera):
-            met = (rows.start <= y) & (y < rows.stop) & (columns.start <= x) & (x < columns.stop)
-            weight = weights[y[met] - rows.start, x[met] - columns.start]
-            candidates = np.column_stack([best[met], weight])
-            candidate_ids = np.column_stack([ids[met], np.full(len(weight), splat.row)])
-            # The stable sort leaves earlier, that is nearer, Gaussians and empty places before the newcomer.
-            order = np.argsort(-candidates, axis=1, kind="stable")[:, :k]
-            best[met] = np.take_along_axis(candidates, order, axis=1)
-            ids[met] = np.take_along_axis(candidate_ids, order, axis=1)
-        return ids, best.astype(np.float32)
+def render(
+    gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
+) -> Rendering:
+    """Render colour, alpha and depth, and the Gaussians' blend weights if asked for."""
+    with _some_not_finite():
+        depths = camera.to_camera(gaussians.means.astype(np.float64))[:, 2]
+        seen = np.column_stack([view_colours(gaussians, camera), depths, np.ones(len(gaussians))])
+    rgb, weighted_depth, alpha = np.split(_blended(gaussians, camera, seen), [3, 4], axis=2)
+    if background is not None:
+        rgb = rgb + (1.0 - alpha) * background
+    depth = np.divide(weighted_depth, alpha, out=np.zeros_like(alpha), where=alpha > 0)
+    everywhere = np.zeros((camera.height, camera.width), np.uint8)
+    return Rendering(
+        rgb.astype(np.float32),
+        alpha[..., 0].astype(np.float32),
+        depth[..., 0].astype(np.float32),
+        blend_weights(gaussians, camera, everywhere, 1)[:, 0] if weights else np.zeros(0, np.float32),
+    )
 
 
-def view_colours(gaussians: Gaussians, camera: Camera) -> Float64Array:
-    """Return colours (N, 3), not negative, that the spherical harmonics show towards the camera."""
-    directions = gaussians.means - camera.centre
-    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
-    directions = np.divide(directions, lengths, out=np.zeros_like(directions), where=lengths > 0)
-    coefficients = np.concatenate([gaussians.sh_dc[:, :, None], gaussians.sh_rest], axis=2, dtype=np.float64)
-    basis = sh_basis(directions)[:, : coefficients.shape[2]]
-    return np.asarray(np.clip(np.einsum("nck,nk->nc", coefficients, basis) + 0.5, 0.0, LARGEST_VALUE))
+def blend_values(gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
+    """Sum over Gaussians of alpha_i T_i values_i at each pixel, for any values (N, C), as (H, W, C)."""
+    return _blended(gaussians, camera, values.astype(np.float64)).astype(np.float32)
 
 
-def sh_basis(directions: Float64Array) -> Float64Array:
-    """Return real spherical harmonics of degrees 0 to 3 at unit directions (N, 3), as (N, 16).
+def blend_weights(gaussians: Gaussians, camera: Camera, labels: NDArray[np.uint8], n_labels: int) -> FloatArray:
+    """Sum over pixels of alpha_i T_i, separately by the pixels' labels (H, W), as (N, n_labels).
 
-    Ordered by degree l, then by m from -l to l; odd m carry the Condon-Shortley sign, as trained models expect.
+    Pixels whose label is n_labels or more are left out.
     """
-    x, y, z = directions.T
-    xx, yy, zz = x * x, y * y, z * z
-    polynomials = [
-        (1 / 4, np.ones_like(x)),
-        (3 / 4, -y),
-        (3 / 4, z),
-        (3 / 4, -x),
-        (15 / 4, x * y),
-        (15 / 4, -y * z),
-        (5 / 16, 2 * zz - xx - yy),
-        (15 / 4, -x * z),
-        (15 / 16, xx - yy),
-        (35 / 32, -y * (3 * xx - yy)),
-        (105 / 4, x * y * z),
-        (21 / 32, -y * (4 * zz - xx - yy)),
-        (7 / 16, z * (2 * zz - 3 * xx - 3 * yy)),
-        (21 / 32, -x * (4 * zz - xx - yy)),
-        (105 / 16, z * (xx - yy)),
-        (35 / 32, -x * (xx - 3 * yy)),
-    ]
-    return np.column_stack([np.sqrt(factor / np.pi) * polynomial for factor, polynomial in polynomials])
+    sums = np.zeros((len(gaussians), n_labels))
+    for splat, box, weights in _blend(gaussians, camera):
+        for label in range(n_labels):
+            sums[splat.row, label] = weights[labels[box] == label].sum()
+    return sums.astype(np.float32)
+
+
+def top_contributors(gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int) -> tuple[IntArray, FloatArray]:
+    """Find the k Gaussians of largest weight at each asked pixel (x, y), nearest first where weights are equal.
+
+    Returns row numbers (P, k), -1 where fewer than k contribute, and weights (P, k) in falling order.
+    """
+    x, y = pixels[:, 0], pixels[:, 1]
+    ids = np.full((len(pixels), k), -1, np.int64)
+    best = np.zeros((len(pixels), k))
+    for splat, (rows, columns), weights in _blend(gaussians, camera):
+        met = (rows.start <= y) & (y < rows.stop) & (columns.start <= x) & (x < columns.stop)
+        weight = weights[y[met] - rows.start, x[met] - columns.start]
+        candidates = np.column_stack([best[met], weight])
+        candidate_ids = np.column_stack([ids[met], np.full(len(weight), splat.row)])
+        # The stable sort leaves earlier, that is nearer, Gaussians and empty places before the newcomer.
+        order = np.argsort(-candidates, axis=1, kind="stable")[:, :k]
+        best[met] = np.take_along_axis(candidates, order, axis=1)
+        ids[met] = np.take_along_axis(candidate_ids, order, axis=1)
+    return ids, best.astype(np.float32)
 
 
 def projected_covariances(gaussians: Gaussians, camera: Camera) -> Float64Array:
