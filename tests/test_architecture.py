@@ -15,6 +15,7 @@ from gaussian_trimmer.masks import DEFAULT_SEGMENTER, PAPER_SEGMENTER, SEGMENTER
 
 PACKAGE = Path(gaussian_trimmer.__file__).parent
 FILES = ("formats", "camera_files", "selection_files")
+"""Readers of files, each of which may also import those before it."""
 BASE = (
     "settings", "errors", "lazy_import", "_version", "io", "gaussians", "cameras", "parallel", "sample",
 )  # fmt: skip
@@ -43,7 +44,6 @@ LAYERS = (
 each is one file, also from each other."""
 
 EXCEPTIONS = {
-    ("selection_files", "formats"): "a splat file can be a selection: its rows are read with the scene's own reader",
     ("trimming", "output"): "a result saves itself by late imports",
 }
 """Imports between rooms that the layers would forbid, with the reason."""
@@ -110,7 +110,7 @@ def may_import(importer: str, imported: str) -> bool:
     if importer in BASE or imported in BASE:
         return imported in BASE
     if importer in FILES:
-        return imported == "geometry"
+        return imported in ("geometry", *FILES[: FILES.index(importer)])
     layers = {name: number for number, layer in enumerate(LAYERS) for name in layer}
     return layers[imported] < layers[importer]
 

@@ -91,10 +91,9 @@ def test_names(tmp_path: Path) -> None:
     assert formats.format_suffix(Path("a.COMPRESSED.ply")) == ".compressed.ply"
 
 
-@pytest.mark.parametrize("use", [formats.read, lambda path: formats.write(sample(4, 0), path)])
-def test_a_format_that_went_is_answered_by_its_replacement(use, tmp_path):
+def test_a_format_that_went_is_answered_by_its_replacement(tmp_path):
     with pytest.raises(InputError, match=r"'a\.ksplat' .*convert it: splat-transform a\.ksplat scene\.ply"):
-        use(tmp_path / "a.ksplat")
+        formats.read(tmp_path / "a.ksplat")
 
 
 def test_convert(tmp_path: Path) -> None:

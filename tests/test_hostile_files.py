@@ -26,7 +26,7 @@ from selection_builders import make_scene, rows_mask, save_ply
 from gaussian_trimmer import camera_files, formats
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.commands.inspection import describe_file
+from gaussian_trimmer.commands.info import describe_file
 from gaussian_trimmer.errors import InputError, clip_name, printable
 from gaussian_trimmer.io.reading import picture_header
 from gaussian_trimmer.masks.mask_files import find_mask
@@ -139,7 +139,7 @@ class TestFilesThatChange:
         assert len(read_camera_set(tmp_path).cameras) == 1
         read = camera_files.read_colmap
         monkeypatch.setattr(
-            camera_files, "read_colmap", lambda path: [*read(path), os.utime(tmp_path / changed, (7, 7))][:-1]
+            camera_files, "read_colmap", lambda path: (read(path), os.utime(tmp_path / changed, (7, 7)))[0]
         )
         with pytest.raises(InputError, match=f"{changed}' changed while it was read"):
             read_camera_set(tmp_path)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from selection_builders import checkpoint_state, classifier_state, identity_columns, make_scene, rows_mask, save_ply
 
-from gaussian_trimmer.commands.inspection import describe_file
+from gaussian_trimmer.commands.info import describe_file
 from gaussian_trimmer.errors import InputError
 
 N = 12

@@ -22,7 +22,7 @@ from selection_builders import (
 )
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.commands.inspection import describe_file
+from gaussian_trimmer.commands.info import describe_file
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 

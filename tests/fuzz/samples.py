@@ -30,7 +30,7 @@ from gaussian_trimmer.batch.store import ITEM, Outcome, Store, write_finished
 from gaussian_trimmer.batch.summary import write_summaries
 from gaussian_trimmer.camera_files import read_camera_set, read_cameras_of
 from gaussian_trimmer.cameras import Camera, Viewpoint, intrinsics
-from gaussian_trimmer.commands.inspection import describe_file
+from gaussian_trimmer.commands.info import describe_file
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.manifest import MANIFEST, earlier_results, files_in, is_complete, is_made_of, write_manifest

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits, files, panels
 from gaussian_trimmer.app.doubts import doubts
 from gaussian_trimmer.app.jobs import STAGES_OF_A_TRIM, Jobs
@@ -23,6 +22,7 @@ from gaussian_trimmer.app.tools import Tools
 from gaussian_trimmer.app.viewpoints import first_look, framed
 from gaussian_trimmer.cameras import Point, look_at
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.trimming.result import TrimResult
 
@@ -194,7 +194,7 @@ class Controller:
         """Take a file that was dropped or chosen, for what it is; a part of the open scene is a selection of it."""
         try:
             path = self._files.store(name, content)
-            splats, project = formats.has_splats(path), is_project(path)
+            splats, project = identify(path).kind in ("splats", "torch"), is_project(path)
         except InputError as error:
             self.panels.say(str(error), wrong=True)
             return

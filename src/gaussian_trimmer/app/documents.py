@@ -12,6 +12,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet, Point
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.output.saving import suffix_of
@@ -47,7 +48,7 @@ class Document:
                 nothing can be computed.
         """
         progress("reading the scene")
-        scene = formats.read(formats.find_scene(path))
+        scene = formats.read(identify(path).scene)
         check_magnitudes(scene)
         document = cls(path, None, scene, None)
         progress("reading the cameras")
@@ -59,7 +60,7 @@ class Document:
         Raises:
             InputError: no format has that name.
         """
-        return suffix_of(format) if format else formats.written_suffix(formats.find_scene(self.path))
+        return suffix_of(format) if format else formats.written_suffix(identify(self.path).scene)
 
     def with_cameras(self, path: Path) -> Document:
         """Return the same scene with the cameras of a file or folder.
@@ -67,7 +68,7 @@ class Document:
         Raises:
             InputError: they cannot be read, or they are another scene's.
         """
-        cameras = read_cameras_of(formats.find_scene(self.path), path)
+        cameras = read_cameras_of(identify(self.path).scene, path)
         points = self.scene.means[:: max(1, len(self.scene) // _CHECKED_GAUSSIANS)].astype(np.float64)
         seen = np.any([camera.contains(camera.project(points)[0]) for camera in cameras.cameras], axis=0)
         if seen.mean() < _LEAST_SHARE_IN_PICTURES:

@@ -19,11 +19,12 @@ from gaussian_trimmer.app.snapshots import PALETTE, Cut, CutState, MarkedObject,
 from gaussian_trimmer.cameras import Point, point_of
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.selecting.interpretation import INTERPRETATIONS, SelectionState
 from gaussian_trimmer.selecting.marks import Effect, FromFile, Mark, Rows
-from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
+from gaussian_trimmer.selecting.marks_file import read_marks
 from gaussian_trimmer.selecting.row_packing import pack_rows
 from gaussian_trimmer.selection_files.row_matching import MATCH_NOTHING
 from gaussian_trimmer.trimming.trim import trim
@@ -108,7 +109,7 @@ def load(now: Snapshot, path: Path, *, whole: bool = False) -> Change:
         InputError: the file cannot be read, does not fit the scene, or selects nothing.
     """
     marks: tuple[Mark, ...] = (FromFile(path),)
-    if is_marks_file(path):
+    if identify(path).kind == "marks":
         given, n = read_marks(path), len(now.document.scene)
         if given.scene_size not in (None, n):
             raise InputError(

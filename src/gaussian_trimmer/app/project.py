@@ -18,6 +18,7 @@ from gaussian_trimmer.app.edits import Change
 from gaussian_trimmer.app.snapshots import Colour, Cut, CutState, MarkedObject, Snapshot, TrimChoices
 from gaussian_trimmer.cameras import Point
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import PROJECT, identify
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import read_json
 from gaussian_trimmer.io.writing import make_folder, write_whole
@@ -25,7 +26,6 @@ from gaussian_trimmer.selecting.marks import Marks
 from gaussian_trimmer.selecting.marks_file import marks_as_json, marks_from_json
 from gaussian_trimmer.settings import from_plain, to_plain
 
-CONTENT = "gaussian-trimmer project"
 _HASHED_GAUSSIANS = 1000
 
 
@@ -116,16 +116,13 @@ def project_as_json(now: Snapshot, folder: Path) -> str:
         ),
     )
     writers: dict[Any, Any] = {Path: str, Marks: lambda marks: marks_as_json(marks, folder)}
-    plain = {"content": CONTENT, "version": __version__, **to_plain(project, writers)}
+    plain = {"content": PROJECT, "version": __version__, **to_plain(project, writers)}
     return json.dumps(plain, indent=1, allow_nan=False)
 
 
 def is_project(path: Path) -> bool:
     """Tell whether a file is a project, as far as its beginning tells."""
-    if path.suffix.lower() != ".json" or not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return f'"content": "{CONTENT}"'.encode() in file.read(256)
+    return identify(path).kind == "project"
 
 
 def read_project(path: Path) -> Project:
@@ -135,7 +132,7 @@ def read_project(path: Path) -> Project:
         InputError: it cannot be read, or is not a project.
     """
     raw = read_json(path)
-    if not isinstance(raw, dict) or raw.pop("content", None) != CONTENT:
+    if not isinstance(raw, dict) or raw.pop("content", None) != PROJECT:
         raise InputError(f"'{path}' is not a project.")
     raw.pop("version", None)
     readers = {Marks: lambda data, place: marks_from_json(data, path)}

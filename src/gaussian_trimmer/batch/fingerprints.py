@@ -17,9 +17,10 @@ from gaussian_trimmer._version import __version__
 from gaussian_trimmer.batch.items import Item
 from gaussian_trimmer.cameras import CameraSet, Viewpoint
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.masks import options_kind
-from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
+from gaussian_trimmer.selecting.marks_file import read_marks
 from gaussian_trimmer.settings import to_plain
 
 
@@ -89,8 +90,11 @@ def digest_of_contents(place: Path) -> str:
 def _selection(path: Path, digest_of: Callable[[Path], str]) -> list[object]:
     """Return digests of a selection, of the marks beside it, and of the files that marks name."""
     beside = path.with_suffix(".json")
-    found: list[object] = [digest_of(path), digest_of(beside) if beside != path and is_marks_file(beside) else None]
-    if is_marks_file(path):
+    found: list[object] = [
+        digest_of(path),
+        digest_of(beside) if beside != path and identify(beside).kind == "marks" else None,
+    ]
+    if identify(path).kind == "marks":
         marks = read_marks(path)
         named = [mark.path for mark in marks.marks if hasattr(mark, "path")]
         found += [_selection(file, digest_of) for file in named]

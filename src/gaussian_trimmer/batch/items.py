@@ -9,6 +9,7 @@ from typing import Any
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError, clip_name
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.io.writing import safe_file_name
 from gaussian_trimmer.masks import DEFAULT_SEGMENTER, SEGMENTERS, options_kind
 from gaussian_trimmer.output.placing import PlacingOptions
@@ -65,9 +66,7 @@ class Item:
             InputError: no format has that name, or the scene's folder holds no splat file.
         """
         return (
-            formats.written_suffix(formats.find_scene(Path(self.scene)))
-            if self.format is None
-            else suffix_of(self.format)
+            formats.written_suffix(identify(Path(self.scene)).scene) if self.format is None else suffix_of(self.format)
         )
 
 

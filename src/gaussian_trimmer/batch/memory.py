@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.io.memory import TRIM_BYTES_PER_SCENE_BYTE
 
 PROCESS_BYTES = 400 << 20
@@ -31,7 +32,7 @@ attributes."""
 def scene_need(scene: str, level: int | None = None) -> float:
     """Return the bytes that a worker takes, beside `PROCESS_BYTES`, to trim objects of a scene; 0 if it is missing."""
     with suppress(InputError, OSError):  # Whoever reads the scene will say what is wrong with it.
-        file = formats.find_scene(Path(scene))
+        file = identify(Path(scene)).scene
         suffix, files = formats.format_suffix(file), formats.scene_files(file, level)
         size = sum(path.stat().st_size for path in files)
         return TRIM_BYTES_PER_SCENE_BYTE * _BYTES_PER_FILE_BYTE[suffix] * size

@@ -18,6 +18,7 @@ from gaussian_trimmer.batch.store import Outcome, Store, write_finished
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import FolderInUseError, InputError, printable, user_message
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.masks import get_segmenter
 from gaussian_trimmer.output.report import describe
@@ -124,7 +125,7 @@ class Scene:
     @cached_property
     def path(self) -> Path:
         """The splat file."""
-        return formats.find_scene(self._given)
+        return identify(self._given).scene
 
     @cached_property
     def gaussians(self) -> Gaussians:

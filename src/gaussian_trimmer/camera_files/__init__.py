@@ -36,8 +36,9 @@ from gaussian_trimmer.camera_files.frames import (
 from gaussian_trimmer.camera_files.json_files import MAX_BYTES, read_json_cameras
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Float64Array
-from gaussian_trimmer.io.reading import is_file, is_folder, read_json, reading
+from gaussian_trimmer.io.reading import is_file, read_json, reading
 
 __all__ = ["DISTORTION_TOLERANCE", "cameras_from_arrays", "read_camera_set", "read_cameras_of"]
 
@@ -78,7 +79,7 @@ def read_camera_set(path: str | Path, *, trust_paths: bool = False) -> CameraSet
         InputError: nothing readable is there, two kinds are, the file is damaged or changes meanwhile, or a camera is
             not possible.
     """
-    found = _camera_file(Path(path))
+    found = identify(path).cameras
     with reading(found):
         if found.suffix.lower() == ".json":
             read = read_json_cameras(found, trust_paths=trust_paths)
@@ -89,38 +90,6 @@ def read_camera_set(path: str | Path, *, trust_paths: bool = False) -> CameraSet
         raise InputError(f"'{found}' holds no posed images; give the cameras of a finished reconstruction.")
     names = _image_names([camera.name for camera in read.cameras])
     return replace(read, cameras=tuple(map(_renamed, read.cameras, names)))
-
-
-def _camera_file(path: Path) -> Path:
-    """Return the JSON file, or the COLMAP images file, that a path stands for."""
-    if is_file(path):
-        if path.suffix.lower() == ".json":
-            return path
-        if path.stem in ("cameras", "images") and path.suffix in (".bin", ".txt"):
-            return _camera_file(path.parent)
-        raise InputError(f"'{path}' is not a camera file; give a COLMAP folder, a transforms.json or a cameras.json.")
-    if not is_folder(path):
-        raise InputError(f"There is no file or folder '{path}' to read cameras from.")
-    models = [
-        folder / f"images{suffix}"
-        for folder in (path, path / "sparse" / "0", path / "sparse")
-        for suffix in (".bin", ".txt")
-        if all((folder / f"{stem}{suffix}").is_file() for stem in ("cameras", "images"))
-    ]
-    documents = [path / name for name in ("transforms.json", "cameras.json") if (path / name).is_file()]
-    # Binary and text twins of one COLMAP model agree; files of different kinds may use different coordinates.
-    candidates = models[:1] + documents
-    if len(candidates) > 1:
-        names = ", ".join(str(candidate.relative_to(path)) for candidate in candidates)
-        raise InputError(
-            f"'{path}' holds several sets of cameras ({names}); give the one that the splat was made from."
-        )
-    if not candidates:
-        raise InputError(
-            f"'{path}' holds no cameras: neither cameras and images (.bin or .txt) of a COLMAP model, there or in "
-            "sparse/0 or sparse, nor a transforms.json or cameras.json."
-        )
-    return candidates[0]
 
 
 def _image_names(paths: Sequence[str]) -> list[str]:

@@ -11,6 +11,7 @@ from rich.console import Console
 from gaussian_trimmer import formats
 from gaussian_trimmer.commands.console import PrintOptions, print_up, refuse_existing
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.options import Positional, arg
@@ -55,7 +56,7 @@ class Convert:
             InputError: the source cannot be read, or the target is the source, exists, or cannot be written, or
                 has no versions.
         """
-        source = formats.find_scene(self.source)
+        source = identify(self.source).scene
         refuse_existing(self.target, inputs=[source], overwrite=self.overwrite)
         self._refuse_options_of_other_formats()
         console = self.printing.console()

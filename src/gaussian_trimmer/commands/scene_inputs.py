@@ -12,6 +12,7 @@ from rich.console import Console
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.output.saving import suffix_of
@@ -46,7 +47,7 @@ class SceneInputs:
         """
         cameras = None
         if self.cameras is not None:  # first, since wrong ones are soon found
-            found, trusted = formats.find_scene(self.scene), options.trust_paths
+            found, trusted = identify(self.scene).scene, options.trust_paths
             cameras = read_cameras_of(found, self.cameras, trust_paths=trusted, say=console.print)
         return formats.read(self.scene, level=options.level, say=console.print), cameras
 
@@ -57,7 +58,7 @@ class SceneInputs:
             InputError: no format has the name that is given, or a folder holds no scene.
         """
         if options.format is None:
-            return formats.written_suffix(formats.find_scene(self.scene))
+            return formats.written_suffix(identify(self.scene).scene)
         return suffix_of(options.format)
 
     def words(self, options: TrimOptions) -> list[str]:

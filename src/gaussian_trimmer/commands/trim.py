@@ -10,15 +10,14 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from rich.console import Console
 
-from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.replay import inputs_of_report
 from gaussian_trimmer.commands.scene_inputs import SceneInputs
 from gaussian_trimmer.commands.trim_run import ResultOptions, SelectedScene, TrimRun
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.options import Names, Positional, arg
 from gaussian_trimmer.selecting.lifting import lift_id_masks
 from gaussian_trimmer.selecting.selection_input import read_selection, read_selection_result
@@ -26,7 +25,6 @@ from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.selecting.view_lookup import with_query_row
 from gaussian_trimmer.selection_files import SelectionOptions, load_objects
 from gaussian_trimmer.selection_files.kinds import is_trimmed
-from gaussian_trimmer.selection_files.method_files import scene_of_selection
 from gaussian_trimmer.selection_files.selection_file import open_selection
 from gaussian_trimmer.settings import check_settings, to_plain
 from gaussian_trimmer.trimming.result import THE_OBJECT
@@ -88,7 +86,9 @@ class Trim:
         """
         console = self.results.console()
         # Of a folder that is given as both scene and selection, the scene is the selection's own.
-        to_read = replace(self.inputs, scene=scene_of_selection(self.inputs.scene, self.selection))
+        to_read = self.inputs
+        if self.selection == self.inputs.scene:
+            to_read = replace(self.inputs, scene=identify(self.inputs.scene).scene_and_selection)
         self._check()
         run = TrimRun(
             folder=self.folder(),
@@ -113,8 +113,8 @@ class Trim:
     def _check(self) -> None:
         """Refuse what is not possible, or cannot go together, before anything is read."""
         scene = self.inputs.scene
-        is_scene = formats.has_splats(scene) or is_folder(scene)
-        if self.selection is not None and formats.has_splats(self.selection) and not is_scene:
+        given_last = self.selection is not None and identify(self.selection).kind in ("splats", "torch")
+        if given_last and not identify(scene).may_be_scene:
             raise InputError(f"'{scene.name}' is not a splat file; the scene comes before the selection.")
         check_settings(self.options.settings())
         marks = self.marks.marks()

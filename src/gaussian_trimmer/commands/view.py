@@ -10,6 +10,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.app.serving import MOST_SHOWN, serving, wait
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.io.stop_signals import Stopped
 from gaussian_trimmer.options import Positional, arg
@@ -51,7 +52,7 @@ class View:
             if path is not None and not (is_file(path) or is_folder(path)):
                 raise InputError(f"There is no file '{path}'.")
         if self.scene is not None:
-            formats.format_suffix(formats.find_scene(self.scene))
+            formats.format_suffix(identify(self.scene).scene)
         console = open_console(quiet=False)
         with serving(self.scene, self.cameras, port=self.port, most=self.max_shown) as app:
             console.print(app.address)

@@ -15,10 +15,8 @@ from typing import Annotated
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.layouts import DatasetTask
-from gaussian_trimmer.formats import FORMATS
+from gaussian_trimmer.formats.identify import FORMATS, METHOD_FILES, SELECTION_SUFFIXES
 from gaussian_trimmer.options import arg
-from gaussian_trimmer.selection_files.method_files import METHOD_FILES
-from gaussian_trimmer.selection_files.selection_file import SUFFIXES
 
 _TASK_FOLDERS, _SCENE_FOLDER = ("{scene}/{object}", "{object}"), "{scene}"
 """Folders of one task, and that of a scene, which several tasks may share."""
@@ -31,11 +29,11 @@ _SCENES = (
 _OF_METHODS = tuple(file.pattern for file in METHOD_FILES)
 _WITH_IDS = tuple(file.pattern for file in METHOD_FILES if file.needs.startswith("--selection.object-id"))
 _SELECTIONS = (
-    *(f"selection{ending}" for ending in (*SUFFIXES, *FORMATS)),
+    *(f"selection{ending}" for ending in (*SELECTION_SUFFIXES, *FORMATS)),
     *_OF_METHODS,
     *(pattern.replace("{object}", "*") for pattern in _OF_METHODS if "{object}" in pattern),
     *(f"object{ending}" for ending in FORMATS),
-    *(f"{{object}}{ending}" for ending in (*SUFFIXES, *FORMATS)),
+    *(f"{{object}}{ending}" for ending in (*SELECTION_SUFFIXES, *FORMATS)),
 )
 _CAMERAS = ("cameras.json", "transforms.json", "sparse/0", "sparse")
 _ITERATION = re.compile(r"(?:iteration_|chkpnt|ours_)(\d+)")

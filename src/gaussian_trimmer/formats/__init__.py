@@ -9,106 +9,27 @@ from typing import Any
 import numpy as np
 
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import (
+    FORMATS,
+    READ_ONLY,
+    STREAMED,
+    format_suffix,
+    identify,
+    is_named,
+    written_suffix,
+)
 from gaussian_trimmer.gaussians import Gaussians, IntArray, check_gaussians, concatenate
 from gaussian_trimmer.geometry import limits
-from gaussian_trimmer.io.reading import is_file, is_folder, reading
+from gaussian_trimmer.io.reading import is_file, reading
 from gaussian_trimmer.lazy_import import load
 
-STREAMED = "lod-meta.json"
-"""The format with levels of detail."""
-FORMATS = {
-    ".ply": "ply",
-    ".compressed.ply": "compressed_ply",
-    ".splat": "splat",
-    ".spz": "spz",
-    ".sog": "sog",
-    ".glb": "glb",
-}
-"""Ends of names, of which the longest wins -> module with `read(path) -> Gaussians`, whose values are not yet checked,
-`write(gaussians, path) -> None` and perhaps `write_selected` as below."""
-READ_ONLY = {
-    "meta.json": "sog",
-    STREAMED: "streamed_sog",
-    ".ckpt": "checkpoints",
-    ".pth": "checkpoints",
-    ".pt": "checkpoints",
-}
-"""Formats that can be read but not written."""
-_WRITTEN_INSTEAD = {"meta.json": ".sog"}
+__all__ = ["FORMATS", "READ_ONLY", "convert", "format_suffix", "is_named", "read", "write", "written_suffix"]
+
 _HOLD_NOTHING = (".ply", ".splat")
 """Formats that can hold zero Gaussians."""
 _EXACT = (".ply", ".glb")
 """Formats that round nothing."""
 _ROWS_AT_ONCE = 1 << 12
-_ENDINGS_OF_SELECTIONS = (".npy", ".npz", ".txt", ".csv", ".json")
-
-
-def format_suffix(path: str | Path) -> str:
-    """Return the known suffix that a file's name ends with, of a format that can be read.
-
-    Raises:
-        InputError: the name ends with no known suffix.
-
-    >>> format_suffix("Scene.PLY")
-    '.ply'
-    """
-    name = Path(path).name
-    if suffix := _known_suffix(name):
-        return suffix
-    _refuse_ksplat(name)
-    hint = " A selection is given after its scene." if name.lower().endswith(_ENDINGS_OF_SELECTIONS) else ""
-    raise InputError(f"'{name}' is not in a known splat format; known endings: {', '.join(FORMATS | READ_ONLY)}.{hint}")
-
-
-def is_named(name: str, suffix: str) -> bool:
-    """Return whether a file's name ends with a suffix, or is equal to one that does not begin with a dot.
-
-    >>> is_named("a.SOG", ".sog"), is_named("Meta.json", "meta.json"), is_named("lod-meta.json", "meta.json")
-    (True, True, False)
-    """
-    return name.lower().endswith(suffix) if suffix.startswith(".") else name.lower() == suffix
-
-
-def _refuse_ksplat(name: str) -> None:
-    if name.lower().endswith(".ksplat"):
-        raise InputError(
-            f"'{name}' is in a format that is read and written no more; convert it: splat-transform {name} scene.ply."
-        )
-
-
-def has_splats(path: Path) -> bool:
-    """Return whether a file is, by its name, one of splats."""
-    return _known_suffix(path.name) is not None
-
-
-def _known_suffix(name: str) -> str | None:
-    return max((suffix for suffix in FORMATS | READ_ONLY if is_named(name, suffix)), key=len, default=None)
-
-
-def written_suffix(path: str | Path) -> str:
-    """Return the suffix in which results of a scene file are written: its own, or the nearest that can be.
-
-    Raises:
-        InputError: the name ends with no known suffix.
-
-    >>> written_suffix("a.spz"), written_suffix("step-000029999.ckpt")
-    ('.spz', '.ply')
-    """
-    suffix = format_suffix(path)
-    return suffix if suffix in FORMATS else _WRITTEN_INSTEAD.get(suffix, ".ply")
-
-
-def find_scene(path: Path) -> Path:
-    """Return the splat file that a path means: itself, or in the folder of a training that of the latest iteration.
-
-    Raises:
-        InputError: the folder holds no splat file, or several that could be meant.
-    """
-    if not is_folder(path):
-        return path
-    from gaussian_trimmer.formats.training_folders import latest_splats
-
-    return latest_splats(path)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what damaged numbers become is found by the check of values
@@ -119,7 +40,7 @@ def read(
     bounds: Sequence[Sequence[float]] | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> Gaussians:
-    """Return the Gaussians of a splat file, rows in the file's own order; of a training's folder, see `find_scene`.
+    """Return the Gaussians of a splat file, rows in the file's own order; of a training's folder, the latest ones.
 
     Args:
         path: the file or folder.
@@ -132,7 +53,7 @@ def read(
         InputError: the file is missing, of no known format, damaged, or changes while it is read, or it holds no
             Gaussians, or values that are not finite or extreme, or no such level.
     """
-    given, path = Path(path), find_scene(Path(path))
+    given, path = Path(path), identify(path).scene
     suffix = format_suffix(path)
     if not is_file(path):
         raise InputError(f"There is no file '{path}'.")
@@ -270,11 +191,10 @@ def _writable(path: str | Path) -> str:
     Raises:
         InputError: no format has that name, or it can only be read.
     """
-    suffix = _known_suffix(Path(path).name)
-    if suffix in FORMATS:
-        return suffix
-    _refuse_ksplat(Path(path).name)
-    raise InputError(f"'{Path(path).name}' cannot be written: give it one of the endings {', '.join(FORMATS)}.")
+    suffix = max((suffix for suffix in FORMATS if is_named(Path(path).name, suffix)), key=len, default=None)
+    if suffix is None:
+        raise InputError(f"'{Path(path).name}' cannot be written: give it one of the endings {', '.join(FORMATS)}.")
+    return suffix
 
 
 def _kind_of_ply(path: Path) -> str:

@@ -26,7 +26,6 @@ from gaussian_trimmer.formats.packing import thicken_discs, with_finite_limits
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import member_bytes, open_archive, read_into
 
-SUFFIXES = (".pt", ".pth")
 _EXPECTED = "torch file of the zip format"
 _MAX_PICKLE_BYTES = 1 << 20
 _BFLOAT16 = "bfloat16"

@@ -12,6 +12,7 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet, Point, Viewpoint
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.tiles import LARGEST_LOOK
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, mask_of_rows
 from gaussian_trimmer.geometry.storey import find_storey
 from gaussian_trimmer.masks.mask_files import cameras_with_masks, mask_of
@@ -43,7 +44,7 @@ from gaussian_trimmer.selecting.marks import (
     Sphere,
     View,
 )
-from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
+from gaussian_trimmer.selecting.marks_file import read_marks
 from gaussian_trimmer.selecting.model_masks import PromptableModel, select_by_model
 from gaussian_trimmer.selecting.row_packing import unpack_rows
 from gaussian_trimmer.selecting.shapes import grown, inside_shape, shrunk
@@ -275,11 +276,11 @@ class MarkInterpreter:
 
     def _from_file(self, mark: FromFile) -> tuple[BoolArray, list[str]]:
         """Return what a selection file, or a file of marks, selects, (N,), and notes on how it was understood."""
-        if not is_marks_file(mark.path):
+        if identify(mark.path).kind != "marks":
             notes: list[str] = []
             return load_selection(mark.path, self._scene, mark.options, notes.append), notes
         marks = read_marks(mark.path)
-        if any(isinstance(inner, FromFile) and is_marks_file(inner.path) for inner in marks.marks):
+        if any(isinstance(inner, FromFile) and identify(inner.path).kind == "marks" for inner in marks.marks):
             raise InputError(f"'{mark.path}' holds marks that refer to files of marks; save what they select instead.")
         made = apply_marks(self._scene, marks, cameras=self._cameras, model=self._model)
         return made.mask, [f"{len(marks.marks)} marks"]

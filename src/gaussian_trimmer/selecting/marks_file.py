@@ -12,12 +12,12 @@ from gaussian_trimmer._version import __version__
 from gaussian_trimmer.camera_files.frames import make_lens, rigid_transforms
 from gaussian_trimmer.cameras import Camera, Point, Viewpoint, unit_up
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.reading import is_file, read_json
+from gaussian_trimmer.formats.identify import MARKS
+from gaussian_trimmer.io.reading import read_json
 from gaussian_trimmer.io.writing import write_json
 from gaussian_trimmer.selecting.marks import KINDS, Mark, Marks, View
 from gaussian_trimmer.settings import from_plain, to_plain, wrong_value
 
-CONTENT = "selection marks"
 _Row = tuple[float, float, float, float]
 
 
@@ -67,7 +67,7 @@ def marks_as_json(marks: Marks, folder: Path) -> dict[str, Any]:
         | {"drawn": None if view.drawn_centre is None else {"centre": view.drawn_centre, "radius": view.drawn_radius}}
         for view in views
     ]
-    return {"content": CONTENT, "version": __version__, **rest, "marks": entries, "views": saved}
+    return {"content": MARKS, "version": __version__, **rest, "marks": entries, "views": saved}
 
 
 def read_marks(path: str | Path) -> Marks:
@@ -87,7 +87,7 @@ def marks_from_json(raw: Any, path: Path) -> Marks:
         InputError: it holds no marks, or one of them is not possible.
     """
     where = f"'{path}': "
-    if not isinstance(raw, dict) or raw.get("content") != CONTENT:
+    if not isinstance(raw, dict) or raw.get("content") != MARKS:
         raise InputError(f"'{path}' holds no marks; give the .json that 'gaussian-trimmer select' wrote.")
     readers: dict[Any, Any] = {Path: lambda data, place: path.parent / from_plain(data, Path, place)}
     saved: tuple[_SavedView, ...] = from_plain(raw.get("views", []), tuple[_SavedView, ...], f"{where}views")
@@ -111,14 +111,6 @@ def marks_from_json(raw: Any, path: Path) -> Marks:
     marks: Marks = from_plain(given, Marks, where, readers)
     unit_up(marks.up, f"{where}the up vector")
     return marks
-
-
-def is_marks_file(path: Path) -> bool:
-    """Tell whether a JSON file holds marks, as far as its beginning tells; other files have other beginnings."""
-    if path.suffix.lower() != ".json" or not is_file(path):
-        return False
-    with path.open("rb") as file:
-        return f'"content": "{CONTENT}"'.encode() in file.read(256)
 
 
 def relative_to(path: Path, folder: Path) -> str:

@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.io.reading import file_bytes, is_file, read_json
 from gaussian_trimmer.io.writing import atomic_file, npy_bytes, write_json
-from gaussian_trimmer.selecting.marks_file import is_marks_file, marks_as_json, relative_to
+from gaussian_trimmer.selecting.marks_file import marks_as_json, relative_to
 from gaussian_trimmer.selecting.row_packing import pack_rows, unpack_rows
 from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.settings import from_plain, to_plain
@@ -71,7 +72,7 @@ def note_on(path: Path) -> SelectionNote | None:
 def note_beside(path: Path) -> SelectionNote | None:
     """Return what the marks beside a selection say of it, be it as it is now or as it was before it was changed."""
     marks_path = path.with_suffix(".json")
-    if is_file(path) and is_marks_file(marks_path):
+    if is_file(path) and identify(marks_path).kind == "marks":
         with suppress(InputError):
             readers = {Path: lambda data, where: path.parent / from_plain(data, Path, where)}
             data = dict(read_json(marks_path)).get("selection")

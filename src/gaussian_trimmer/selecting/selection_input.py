@@ -10,9 +10,10 @@ import numpy as np
 
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, check_gaussians
 from gaussian_trimmer.selecting.marks import FromFile, Mark
-from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
+from gaussian_trimmer.selecting.marks_file import read_marks
 from gaussian_trimmer.selecting.saved_selection import excluded_from, note_beside
 from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
@@ -65,7 +66,7 @@ def read_selection_result(
         InputError: as `read_selection`.
     """
     path, options = None if path is None else Path(path), options or SelectionOptions()
-    earlier = read_marks(path) if path is not None and is_marks_file(path) else None
+    earlier = read_marks(path) if path is not None and identify(path).kind == "marks" else None
     if earlier is not None and (unused := sorted(options.given())):
         raise InputError(f"'{path}' holds marks and does not use {flag(unused[0])}; leave that out.")
     if earlier is not None or further:

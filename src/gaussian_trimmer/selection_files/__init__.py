@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, mask_of_rows
-from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.selection_files import feature_kinds, kinds
 from gaussian_trimmer.selection_files.labels import check_ids, count_ids
-from gaussian_trimmer.selection_files.method_files import selection_in
 from gaussian_trimmer.selection_files.selection_file import Kind, SelectionFile, SelectionOptions, flag, open_selection
 from gaussian_trimmer.settings import check_settings
 
@@ -64,8 +63,8 @@ def load_selection(
     """
     path, options = Path(path), options or SelectionOptions()
     check_settings(options, "selection")
-    if is_folder(path):
-        path = selection_in(path)
+    given, path = path, identify(path).selection
+    if path != given:
         say(f"selection: {path}")
     file = open_selection(path, len(gaussians))
     name = options.kind if options.kind != "auto" else _detect(file, len(gaussians), options)

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, clip_name
-from gaussian_trimmer.formats import FORMATS, check_values, has_splats, torch_files
+from gaussian_trimmer.formats import FORMATS, check_values, torch_files
 from gaussian_trimmer.formats.checkpoints import Checkpoint, is_checkpoint, parse_checkpoint
+from gaussian_trimmer.formats.identify import SELECTION_SUFFIXES, TEXT_SUFFIXES, TORCH_SUFFIXES, identify
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
 from gaussian_trimmer.io.reading import is_file, reading
 from gaussian_trimmer.selection_files.read_array import read_json, read_npy, read_npz, read_text
@@ -29,8 +30,6 @@ Kind = Literal[
     "auto", "mask", "labels", "indices", "subset", "property", "classifier", "similarity", "checkpoint", "flashsplat",
     "trimmed",
 ]  # fmt: skip
-TEXT_SUFFIXES = (".txt", ".csv")
-SUFFIXES = (".npy", ".npz", *TEXT_SUFFIXES, ".json", *torch_files.SUFFIXES)
 _LISTED_ARRAYS = 12
 _FREE_ARCHIVE_BYTES = 1 << 26
 _ARCHIVE_BYTES_PER_GAUSSIAN = 1 << 9
@@ -165,15 +164,15 @@ def _open(path: Path, n: int | None) -> SelectionFile:
         return SelectionFile(path, read_npz(path, limit))
     if suffix in TEXT_SUFFIXES:
         return SelectionFile(path, {"": read_text(path)}, is_list=True)
-    if suffix in torch_files.SUFFIXES:
+    if suffix in TORCH_SUFFIXES:
         return _read_torch(path)
-    if has_splats(path):
+    if identify(path).kind == "splats":
         return SelectionFile(path, rows=read_splat_rows(path))
     if suffix == ".json":
         return SelectionFile(path, {"": read_json(path)}, is_list=True)
     raise InputError(
-        f"'{path.name}' is not a known selection file; known endings: {', '.join((*SUFFIXES, *FORMATS))}. (Masks "
-        "of images are not a selection: lift them to the scene with 'gaussian-trimmer select'.)"
+        f"'{path.name}' is not a known selection file; known endings: {', '.join((*SELECTION_SUFFIXES, *FORMATS))}. "
+        "(Masks of images are not a selection: lift them to the scene with 'gaussian-trimmer select'.)"
     )
 
 
