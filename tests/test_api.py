@@ -20,7 +20,7 @@ from gaussian_trimmer.commands.scene_inputs import SceneInputs
 from gaussian_trimmer.commands.trim import Trim
 from gaussian_trimmer.commands.trim_run import ResultOptions
 from gaussian_trimmer.output.saving import result_files
-from gaussian_trimmer.selecting.selection_result import SelectionResult
+from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.trimming.arguments import mask_of_selection
 from gaussian_trimmer.trimming.config import SplitConfig
 from gaussian_trimmer.trimming.result import RowLabel
@@ -220,7 +220,7 @@ def test_results_are_shown_in_a_line(result):
             result,
             result.only,
             CameraSet((toy.camera_at((5, 0, 3)),), None, (True,), False),
-            SelectionResult(ROUGH, interpretations=("a sphere",)),
+            Selection(ROUGH, interpretations=("a sphere",)),
             result.views[0],
         )
     ]

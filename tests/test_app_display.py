@@ -19,8 +19,8 @@ from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import write
 from gaussian_trimmer.gaussians import quaternions_of
-from gaussian_trimmer.selecting.interpretation import SelectionState
 from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Sphere
+from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.trimming.config import SplitConfig, TrimConfig
 from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
@@ -100,7 +100,7 @@ def test_split_parts_and_filled_gaussians_are_shown():
     assert n_split > 0
     document = Document(Path("a.ply"), None, scene, None)
     first = Snapshot.first(document, document.find_up((0.0, 0.0, 1.0)))
-    selected, cut = SelectionState(truth, np.zeros_like(truth)), Cut(CutState.FRESH, result)
+    selected, cut = Selection(truth, np.zeros_like(truth)), Cut(CutState.FRESH, result)
     now = first.with_object(replace(first.object, selected=selected, cut=cut), "cut out")
     painter = Painter(scene, 10**6)
     assert len(painter.paint(now, Showing("Object", "Cut-out"))) == len(result.object)

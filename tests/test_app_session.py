@@ -33,11 +33,8 @@ from gaussian_trimmer.app.worker import Cancelled
 from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.errors import InputError, OutputExistsError
 from gaussian_trimmer.gaussians import SH_C0
-from gaussian_trimmer.selecting.marks import Box3D, FromFile, Rows, Sphere, Stroke
-from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
-from gaussian_trimmer.selecting.row_packing import pack_rows
-from gaussian_trimmer.selecting.select import select
-from gaussian_trimmer.selecting.view_lookup import resolve_views
+from gaussian_trimmer.selecting.marks import Box3D, FromFile, Rows, Sphere, Stroke, read_marks, write_marks
+from gaussian_trimmer.selecting.select import resolve_views, select
 from gaussian_trimmer.trimming.up_vector import FROM_FORMAT
 
 DEFAULT = TrimChoices()
@@ -223,8 +220,8 @@ def test_cut_out_is_the_library_bit_by_bit_with_what_marks_removed_and_cut(sessi
     if corrected:
         mark(session, TOP, Sphere((2.0, 2.0, 0.0), 0.5, effect="remove"))
         stroke = Stroke(Viewpoint(toy.camera_at((0, -8, 1))), ((0.1, 0.4), (0.9, 0.4)), 4.0)
-        nothing = pack_rows(np.zeros(len(session.document.scene), np.bool_))
-        assert mark(session, Rows(nothing, "brush", "remove", stroke)).startswith("Cut: brush")
+        nothing = np.zeros(len(session.document.scene), np.bool_)
+        assert mark(session, Rows.of(nothing, "brush", "remove", stroke)).startswith("Cut: brush")
     now, stages = session.now, []
     session.do(edits.cut_out, DEFAULT, stages.append)
     ours, selected = session.now.object.fresh, now.object.selected

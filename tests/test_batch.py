@@ -26,7 +26,6 @@ from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.errors import FolderInUseError, InputError
 from gaussian_trimmer.masks.mask_files import MaskFilesConfig, MaskFilesSegmenter
 from gaussian_trimmer.selecting.marks import Sphere
-from gaussian_trimmer.selecting.saved_selection import save_selection
 from gaussian_trimmer.trimming.config import PlanConfig
 
 
@@ -104,7 +103,7 @@ def test_an_item_is_made_again_when_it_is_to_be_placed(copy):
 def save_marked(folder):
     """A selection of s1.ply whose marks have removed something, as marked.npy and marked.json."""
     marks = [Sphere((0, 0, 1), 1.1), Sphere((0, -1, 1), 0.6, effect="remove")]
-    save_selection(gt.select(gt.read(folder / "s1.ply"), marks, up=toy.UP), folder / "marked.npy")
+    gt.select(gt.read(folder / "s1.ply"), marks, up=toy.UP).save(folder / "marked.npy")
 
 
 def test_seconds_are_kept_and_marks_are_inputs(copy):

@@ -1,7 +1,5 @@
 """What marks removed stays out of the object, however much it looks like part of it."""
 
-import json
-
 import numpy as np
 import pytest
 import toy
@@ -11,8 +9,7 @@ import gaussian_trimmer as gt
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import FromFile, Sphere
-from gaussian_trimmer.selecting.saved_selection import excluded_from, save_selection
-from gaussian_trimmer.selecting.selection_input import read_selection_result
+from gaussian_trimmer.selecting.reading import read_selection_result
 from gaussian_trimmer.trimming.trim import trim_objects
 
 SCENE, TRUTH = toy.ball_on_floor()
@@ -59,61 +56,44 @@ def test_what_is_selected_cannot_be_excluded():
     assert np.array_equal(trimmed(ball, excluded=np.ones(len(SCENE), bool)) & ball, trimmed(ball) & ball)
 
 
-def test_saved_selections_remember_what_was_removed(tmp_path):
-    selection = ball_without_its_patch()
-    save_selection(selection, tmp_path / "a.npy")
-    assert np.array_equal(excluded_from(tmp_path / "a.npy", len(SCENE)), IN_PATCH)
-    assert excluded_from(tmp_path / "a.npy", len(SCENE) + 8) is None  # another scene
-    np.save(tmp_path / "a.npy", TRUTH)
-    assert excluded_from(tmp_path / "a.npy", len(SCENE)) is None  # changed since
-
-
-def test_rows_and_marks_are_written_together_or_the_difference_is_said(tmp_path, monkeypatch):
-    save_selection(ball_without_its_patch(), tmp_path / "a.npy")
+def test_rows_and_marks_are_written_together(tmp_path, monkeypatch):
+    ball_without_its_patch().save(tmp_path / "a.npy")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    monkeypatch.setattr("gaussian_trimmer.selecting.saved_selection.write_json", lambda *_: fail())
+    monkeypatch.setattr("gaussian_trimmer.selecting.marks.write_json", lambda *_: fail())
     with pytest.raises(InputError, match="No space"):
-        save_selection(gt.select(SCENE, [BALL], up=toy.UP), tmp_path / "a.npy")
+        gt.select(SCENE, [BALL], up=toy.UP).save(tmp_path / "a.npy")
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
-    np.save(tmp_path / "a.npy", TRUTH)  # as when a run was killed between the two
+
+
+def test_an_array_does_not_say_what_was_removed_and_whoever_gives_one_is_told(tmp_path):
+    ball_without_its_patch().save(tmp_path / "a.npy")
     said = []
     assert read_selection_result(tmp_path / "a.npy", SCENE, say=said.append).excluded is None
     assert len(said) == 1 and "a.json" in said[0]
+    found = read_selection_result(tmp_path / "a.json", SCENE, say=said.append)
+    assert np.array_equal(found.excluded, IN_PATCH) and len(said) == 1
 
 
 def fail():
     raise OSError(28, "No space left on device")
 
 
-@pytest.mark.parametrize("packed", ["A", "eJz7/////wAK+gX+" * 1000])
-def test_damaged_notes_are_passed_over(tmp_path, packed):
-    save_selection(ball_without_its_patch(), tmp_path / "a.npy")
-    document = json.loads((tmp_path / "a.json").read_text())
-    document["selection"]["excluded"] = packed
-    (tmp_path / "a.json").write_text(json.dumps(document, indent=1))
-    assert excluded_from(tmp_path / "a.npy", len(SCENE)) is None
-
-
-@pytest.mark.parametrize("how", ["npy", "json", "trim"])
+@pytest.mark.parametrize("how", ["trim", "select"])
 def test_every_way_from_marks_to_a_trim_keeps_to_them(tmp_path, monkeypatch, how):
     monkeypatch.chdir(tmp_path)
     formats.write(SCENE, tmp_path / "scene.ply")
-    save_selection(ball_without_its_patch(), tmp_path / "a.npy")
+    ball_without_its_patch().save(tmp_path / "a.npy")
     common = ["--up", 0, 0, 1, "--plan.size", 96, "--output"]
-    if how == "trim":
-        marks = ["--sphere", 0, 0, 1, 1.1, "--remove-sphere", 0, -1, 1, 0.6]
-        assert run("select", "scene.ply", *marks, *common, "b.npy", "--trim", "out") == 0
+    if how == "select":
+        assert run("select", "scene.ply", "--marks", "a.json", *common, "b.npy", "--trim", "out") == 0
     else:
-        assert run("trim", "scene.ply", f"a.{how}", *common, "out") == 0
+        assert run("trim", "scene.ply", "a.json", *common, "out") == 0
     labels = np.load(tmp_path / "out" / "labels.npz")
     rows = labels["source_index"][: int(labels["n_object"])]
     assert len(rows) > 100 and not IN_PATCH[rows].any()
 
 
-def test_files_of_marks_are_selections(tmp_path):
-    save_selection(ball_without_its_patch(), tmp_path / "a.npy")
-    found = gt.select(SCENE, [FromFile(tmp_path / "a.json")], up=toy.UP)
-    assert np.array_equal(found.mask, ball_without_its_patch().mask)
-    found.save_marks(tmp_path / "b.json")
-    with pytest.raises(InputError, match="refer to files of marks"):
-        gt.select(SCENE, [FromFile(tmp_path / "b.json")], up=toy.UP)
+def test_files_of_marks_hold_no_files_of_marks(tmp_path):
+    ball_without_its_patch().save(tmp_path / "a.npy")
+    with pytest.raises(InputError, match="holds marks; give"):
+        gt.select(SCENE, [FromFile(tmp_path / "a.json")], up=toy.UP)

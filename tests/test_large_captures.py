@@ -236,7 +236,7 @@ def clicks(monkeypatch):
 
 def test_a_click_in_a_large_capture_takes_what_the_finder_sees_there(clicks):
     scene, part, interpreter, click = clicks
-    state = interpreter.apply(interpretation.SelectionState.nothing(len(scene)), click)
+    state = interpreter.apply(interpretation.Selection.nothing(len(scene)), click)
     assert toy.jaccard(state.mask, part == 3) > 0.8
     assert state.interpretations == (interpretation.INTERPRETATIONS["piece"],)
 
@@ -245,7 +245,7 @@ def test_where_the_finder_sees_nothing_a_click_takes_what_is_near(clicks):
     """What is farther from the point than half its depth is not looked at."""
     scene, part, interpreter, click = clicks
     interpreter._things = SimpleNamespace(at=lambda point, seen: [])
-    state = interpreter.apply(interpretation.SelectionState.nothing(len(scene)), click)
+    state = interpreter.apply(interpretation.Selection.nothing(len(scene)), click)
     middle = scene.means[part == 3].mean(axis=0)
     eye = click.view.camera.centre
     assert part[state.mask].max() == 3
@@ -263,7 +263,7 @@ def test_where_the_finder_sees_nothing_a_click_takes_what_is_seen_alone_or_the_r
 
     def click(eye, target):
         mark = Click(120, 120, Viewpoint(toy.camera_at(eye, target, 240)))
-        return interpreter.apply(interpretation.SelectionState.nothing(len(scene)), mark)
+        return interpreter.apply(interpretation.Selection.nothing(len(scene)), mark)
 
     above = click((0, -2.5, 1), (0, 0, 3.4))
     assert above.interpretations == (interpretation.INTERPRETATIONS["alone"],)
@@ -279,7 +279,7 @@ def test_the_same_click_made_again_takes_the_other_sizes_in_turn(clicks):
     upper = (part == 3) & (scene.means[:, 2] > 0.3)
     thing, larger, smaller = map(np.flatnonzero, (part == 3, part >= 2, upper))
     interpreter._things = SimpleNamespace(at=lambda point, seen: [thing, larger, smaller])
-    state = interpreter.apply(interpretation.SelectionState.nothing(len(scene)), click)
+    state = interpreter.apply(interpretation.Selection.nothing(len(scene)), click)
     for rows in (larger, smaller):
         state = interpreter.apply(state, click)
         assert np.flatnonzero(state.mask).tolist() == rows.tolist()
@@ -291,7 +291,7 @@ def test_the_same_click_made_again_takes_the_other_sizes_in_turn(clicks):
 def test_other_sizes_are_forgotten_after_a_click_that_corrects(clicks):
     scene, part, interpreter, click = clicks
     interpreter._things = SimpleNamespace(at=lambda point, seen: [np.flatnonzero(part == 3), np.flatnonzero(part >= 2)])
-    state = interpreter.apply(interpretation.SelectionState.nothing(len(scene)), click)
+    state = interpreter.apply(interpretation.Selection.nothing(len(scene)), click)
     interpreter._things = SimpleNamespace(at=lambda point, seen: [])
     corrected = interpreter.apply(state, replace(click, effect="remove"))
     assert state.other_sizes
@@ -302,7 +302,7 @@ def test_other_sizes_are_forgotten_after_a_click_that_corrects(clicks):
 def test_other_sizes_are_forgotten_after_another_mark(clicks):
     scene, part, interpreter, click = clicks
     interpreter._things = SimpleNamespace(at=lambda point, seen: [np.flatnonzero(part == 3), np.flatnonzero(part >= 2)])
-    state = interpreter.apply(interpretation.SelectionState.nothing(len(scene)), click)
+    state = interpreter.apply(interpretation.Selection.nothing(len(scene)), click)
     state = interpreter.apply(state, Grow(1.0))
     with pytest.raises(InputError):
         interpreter.apply(state, click)

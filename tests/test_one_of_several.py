@@ -18,9 +18,8 @@ from gaussian_trimmer.batch.manifest import read_manifest
 from gaussian_trimmer.batch.trimming import ItemTrimmer
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.selecting.marks import Sphere
-from gaussian_trimmer.selecting.saved_selection import save_selection
-from gaussian_trimmer.selecting.selection_input import read_selection_result
-from gaussian_trimmer.selecting.selection_result import SelectionResult
+from gaussian_trimmer.selecting.reading import read_selection_result
+from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.trimming.config import RefineConfig, SplitConfig
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -58,7 +57,7 @@ def check_same(result, expected):
 
 def as_marked(mask, excluded):
     """A selection as marks make it, which removed some Gaussians."""
-    return SelectionResult(mask, excluded=excluded)
+    return Selection(mask, excluded=excluded)
 
 
 @pytest.mark.parametrize("stages", STAGES.values(), ids=STAGES)
@@ -124,9 +123,9 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("ways")
     formats.write(BALL, folder / "scene.ply")
     ball, patch = Sphere((0, 0, 1), 1.2), Sphere((0, 0, 2), 0.5, effect="remove")
-    save_selection(gt.select(BALL, [ball, patch], up=toy.UP), folder / "rough.npy")
+    gt.select(BALL, [ball, patch], up=toy.UP).save(folder / "rough.npy")
     np.save(folder / "labels.npy", np.where(toy.dilated(BALL, TRUTH), 3, 0))
-    assert run("trim", folder / "scene.ply", folder / "rough.npy", *UP, "--output", folder / "trim") == 0
+    assert run("trim", folder / "scene.ply", folder / "rough.json", *UP, "--output", folder / "trim") == 0
     return folder
 
 
@@ -136,7 +135,7 @@ def splats(folder, name="object"):
 
 def test_the_command_makes_what_python_does(files):
     scene = gt.read(files / "scene.ply")
-    selection = read_selection_result(files / "rough.npy", scene)
+    selection = read_selection_result(files / "rough.json", scene)
     assert selection.excluded.any()
     result = gt.trim(scene, selection, up=toy.UP)
     result.save(files / "python")
@@ -162,7 +161,7 @@ def test_the_app_cuts_out_what_the_command_does(files):
 
 def test_a_batch_of_one_makes_what_the_command_does(files):
     manifest = write_manifest(files, ["scene-0"], options="")
-    manifest.write_text(manifest.read_text().replace("scene-0.npy", "rough.npy"))
+    manifest.write_text(manifest.read_text().replace("scene-0.npy", "rough.json"))
     (item,) = read_manifest(manifest)
     outcome = ItemTrimmer(files / "batch").trim(item)
     assert outcome is not None

@@ -78,13 +78,13 @@ def test_a_selection_has_its_scenes_name_and_one_of_another_scene_is_kept(ball, 
         assert run("select", f"{name}.ply", *everything) == 0
     assert {path.name for path in tmp_path.glob("*.npy")} == {"seal_selection.npy", "wolf_selection.npy"}
     before = (tmp_path / "seal_selection.json").read_bytes()
-    assert json.loads(before)["selection"]["scene"] == "seal.ply"
+    assert json.loads(before)["scene"] == "seal.ply"
     assert run("select", "wolf.ply", *everything, "--output", "seal_selection.npy") == 2
     error = capsys.readouterr().err
     assert "another scene" in error and "seal.ply" in error and "--overwrite" in error
     assert (tmp_path / "seal_selection.json").read_bytes() == before
     assert run("select", "wolf.ply", *everything, "--output", "seal_selection.npy", "--overwrite") == 0
-    assert json.loads((tmp_path / "seal_selection.json").read_bytes())["selection"]["scene"] == "wolf.ply"
+    assert json.loads((tmp_path / "seal_selection.json").read_bytes())["scene"] == "wolf.ply"
 
 
 def test_numbers_of_marks_may_have_commas(ball, tmp_path):
@@ -101,14 +101,29 @@ def test_marks_belong_to_the_view_before_them(ball, tmp_path, capsys):
     folder, scene, truth = ball
     middle, behind = middle_of(folder), middle_of(folder, "2.png")
     command = ["select", folder / "scene.ply", "--cameras", folder / "cameras.json", "--output", tmp_path / "a.npy"]
-    marks = ["--view", "0", "--click", *middle, "--plane", 0, 0, -1, -0.1, "--view=2", "--remove-click", *behind]
+    marks = [
+        "--view",
+        "0",
+        "--click",
+        *middle,
+        "--box3d",
+        -99,
+        -99,
+        -99,
+        99,
+        99,
+        0.1,
+        "--view=2",
+        "--remove-click",
+        *behind,
+    ]
     assert run(*command, *marks) == 0
     selection = np.load(tmp_path / "a.npy")
     below = scene.means[:, 2] < 0.1
     assert (selection >= (below & ~truth)).all()
     assert np.mean(selection[truth & ~below]) < 0.1
     document = json.loads((tmp_path / "a.json").read_text())
-    assert [mark["mark"] for mark in document["marks"]] == ["click", "plane", "click"]
+    assert [mark["mark"] for mark in document["marks"]] == ["click", "box3d", "click"]
     assert [document["views"][mark["view"]]["name"] for mark in document["marks"] if "view" in mark] == [
         "0.png",
         "2.png",
@@ -122,7 +137,7 @@ def test_files_volumes_and_rims(ball, tmp_path, capsys):
     np.save(tmp_path / "ids.npy", np.where(truth, 3, 5) + 4 * (scene.means[:, 2] > 1))
     command = ["select", folder / "scene.ply", "--up", 0, 0, 1, "--quiet", "--output", tmp_path / "a.npy"]
     height = scene.means[:, 2]
-    options = ["--add", f"{tmp_path / 'ids.npy'}#3,7", "--intersect-plane", 0, 0, 2, 1.0]
+    options = ["--add", f"{tmp_path / 'ids.npy'}#3,7", "--intersect-box3d", -9, -9, 0.5, 9, 9, 9]
     assert run(*command, *options) == 0
     assert np.array_equal(np.load(tmp_path / "a.npy"), truth & (height > 0.5))
     assert run(*command, *options, "--subtract", f"{tmp_path / 'ids.npy'}#7") == 0
@@ -233,7 +248,6 @@ def test_object_numbers_give_all_objects_in_one_pass(ball, tmp_path, capsys):
         (["--grow", 2, "--list-views", "views"], "leave the marks out"),
         (["--sphere", 0, 0, 0, -1], "radius is -1; it must be above zero"),
         (["--box3d", 0, 0, 0, 1, 1, -1], "below its partner"),
-        (["--plane", 0, 0, 0, 1], "not all zero"),
         (["--marks", "nowhere.json"], "no file 'nowhere.json'"),
         (["--masks", "masks"], "--cameras PATH"),
         (["--click", 5, 5], "--view-index INT"),

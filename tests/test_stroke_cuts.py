@@ -12,9 +12,7 @@ import gaussian_trimmer as gt
 from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering import render
-from gaussian_trimmer.selecting.marks import Rows, Stroke
-from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
-from gaussian_trimmer.selecting.row_packing import pack_rows
+from gaussian_trimmer.selecting.marks import Rows, Stroke, read_marks, write_marks
 from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.trimming.refinement import Pieces
 from gaussian_trimmer.trimming.stroke_cuts import StrokeCut, cut_at_stroke
@@ -62,7 +60,7 @@ def test_parts_under_a_stroke_go_and_whole_gaussians_there_stay():
 def test_a_stroke_is_saved_with_its_mark_and_cuts_what_is_trimmed_until_it_is_put_back(tmp_path):
     scene, ball = toy.ball_on_floor(n_floaters=0)
     scene = scene.replace(log_scales=scene.log_scales + np.float32(0.7) * ball[:, None])  # so that they cross the edge
-    rows = Rows(pack_rows(ball & (scene.means[:, 0] < -0.28)), "lasso", "remove", LEFT)
+    rows = Rows.of(ball & (scene.means[:, 0] < -0.28), "lasso", "remove", LEFT)
     write_marks(select(scene, [BALL, rows], up="z").marks, tmp_path / "cut.json")
     marks = read_marks(tmp_path / "cut.json")
     stroke = marks.marks[-1].cut
@@ -74,16 +72,16 @@ def test_a_stroke_is_saved_with_its_mark_and_cuts_what_is_trimmed_until_it_is_pu
 
     whole, uncut, made = trimmed(BALL), trimmed(BALL, replace(rows, cut=None)), trimmed(*marks.marks)
     assert under(made) < 0.6 * under(uncut) < 0.3 * under(whole)
-    assert under(trimmed(*marks.marks, Rows(pack_rows(ball), "lasso"))) > 0.9 * under(whole)
+    assert under(trimmed(*marks.marks, Rows.of(ball, "lasso"))) > 0.9 * under(whole)
 
 
 def test_an_array_holds_no_strokes_and_whoever_trims_one_is_told(tmp_path, capsys):
     save_ball(tmp_path)
     scene, ball = toy.ball_on_floor()
-    rows = Rows(pack_rows(ball & (scene.means[:, 0] < -0.28)), "lasso", "remove", LEFT)
+    rows = Rows.of(ball & (scene.means[:, 0] < -0.28), "lasso", "remove", LEFT)
     write_marks(select(scene, [BALL, rows], up="z").marks, tmp_path / "cut.json")
     given = (str(tmp_path / "scene.ply"), "--marks", str(tmp_path / "cut.json"), "--output", str(tmp_path / "a.npy"))
     assert run("select", *given) == 0
-    assert f"--marks {tmp_path / 'a.json'} --trim" in "".join(capsys.readouterr().out.split("\n"))
+    assert "".join(capsys.readouterr().out.split("\n")).endswith(f"scene.ply {tmp_path / 'a.json'}")
     assert run("trim", str(tmp_path / "scene.ply"), str(tmp_path / "a.npy"), "--output", str(tmp_path / "out")) == 0
-    assert "select --marks" in " ".join(capsys.readouterr().out.split())
+    assert "a.json as the selection" in " ".join(capsys.readouterr().out.split())

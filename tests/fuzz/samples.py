@@ -36,8 +36,16 @@ from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.manifest import MANIFEST, earlier_results, files_in, is_complete, is_made_of, write_manifest
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.masks.mask_files import mask_of
-from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Grow, Marks, Plane, Sphere
-from gaussian_trimmer.selecting.marks_file import marks_as_json, read_marks
+from gaussian_trimmer.selecting.marks import (
+    Box3D,
+    Click,
+    FromFile,
+    Grow,
+    Marks,
+    Sphere,
+    marks_as_json,
+    read_marks,
+)
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 
 from .torch_archives import storage, tensor, torch_file
@@ -270,7 +278,12 @@ def _other_readers() -> dict[str, Reader]:
     picture[4:12, 5:15] = 255
     masks = {".png": picture, ".jpg": picture[..., :3], ".tiff": picture[..., 0], ".webp": picture, ".bmp": picture}
     view = Viewpoint(Camera(np.eye(4), np.array([[50.0, 0, 32], [0, 50, 24], [0, 0, 1]]), 64, 48, "0.png"))
-    listed = (Click(3, 4, view), Grow(2.0), Plane((0.0, 0.0, 1.0), 0.1, "up", "intersect"), FromFile(Path("a.npy")))
+    listed = (
+        Click(3, 4, view),
+        Grow(2.0),
+        Box3D((-9.0, -9.0, 0), (9.0, 9.0, 9.0), "up", "intersect"),
+        FromFile(Path("a.npy")),
+    )
     marks = marks_as_json(Marks(listed, (0.0, 0.0, 1.0), ((1.0, 2.0, 3.0),), N, Path("cameras.json")), Path())
     rows = "scene,selection,name,up,options\na.ply,b.npy,mug,0 0 1,--views 5\na.ply,c.npy,cup,,\n"
     lines = [{"scene": "a.ply", "labels": "l.npy", "objects": [1, 2]}, {"scene": "b.ply", "selection": "s.npy"}]

@@ -17,7 +17,7 @@ from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.output.saving import suffix_of
 from gaussian_trimmer.selecting.marks import Marks
-from gaussian_trimmer.selecting.view_lookup import resolve_views
+from gaussian_trimmer.selecting.select import resolve_views
 from gaussian_trimmer.trimming.up_vector import UpVector, find_up
 
 Progress = Callable[[str], None]

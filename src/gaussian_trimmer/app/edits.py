@@ -22,10 +22,9 @@ from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.geometry.neighbours import nearest
-from gaussian_trimmer.selecting.interpretation import INTERPRETATIONS, SelectionState
-from gaussian_trimmer.selecting.marks import Effect, FromFile, Mark, Rows
-from gaussian_trimmer.selecting.marks_file import read_marks
-from gaussian_trimmer.selecting.row_packing import pack_rows
+from gaussian_trimmer.selecting.interpretation import INTERPRETATIONS
+from gaussian_trimmer.selecting.marks import Effect, FromFile, Mark, Rows, read_marks
+from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.selection_files.row_matching import MATCH_NOTHING
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.trimming.up_vector import UpVector
@@ -74,7 +73,7 @@ def mark(now: Snapshot, *marks: Mark, among: BoolArray | None = None, anew: bool
     )
     for effect, rows in undone:
         if rows.any():
-            marks = (*marks, Rows(pack_rows(rows), "what is not shown stays", effect))
+            marks = (*marks, Rows.of(rows, "what is not shown stays", effect))
             selected = now.applied(selected, marks[-1:])
     if not selected.mask.any():
         raise InputError("After this mark nothing would be selected, so it was not made. To start over, clear.")
@@ -91,8 +90,8 @@ def mark(now: Snapshot, *marks: Mark, among: BoolArray | None = None, anew: bool
 def invert(now: Snapshot) -> Change:
     """Select what is not selected, except for what is locked, and nothing else. Raises as `mark`."""
     mask = now.object.selected.mask
-    rest = Rows(pack_rows(~mask & ~now.locked), "inverted")
-    return mark(now, rest, Rows(pack_rows(mask), "inverted", "remove")) if mask.any() else mark(now, rest)
+    rest = Rows.of(~mask & ~now.locked, "inverted")
+    return mark(now, rest, Rows.of(mask, "inverted", "remove")) if mask.any() else mark(now, rest)
 
 
 def clear(now: Snapshot) -> Change:
@@ -278,7 +277,7 @@ def find(now: Snapshot, progress: Progress = lambda stage: None) -> Change:
     new = (MarkedObject(free, f"object {free}", PALETTE[0], now.nothing()) for free in count(now.next_id))
     after = replace(now, objects=tuple(kept), active=len(kept), last="find objects")
     for part, mask in zip(chain(blank, new), further, strict=False):
-        rows = Rows(pack_rows(mask), "found")
+        rows = Rows.of(mask, "found")
         marked = part.marked((rows,), now.applied(now.nothing(), (rows,)))
         marked = replace(marked, colour=after.contrasting_colour(mask), hidden=False)
         after = replace(after, objects=(*after.objects, marked), next_id=max(after.next_id, part.id + 1))
@@ -332,7 +331,7 @@ def _cut_out(now: Snapshot, part: MarkedObject, choices: TrimChoices, progress: 
     return replace(part, cut=Cut(CutState.FRESH, result, choices))
 
 
-def _describe_change(before: SelectionState, after: SelectionState) -> str:
+def _describe_change(before: Selection, after: Selection) -> str:
     """Say what a mark changed; nothing if it changed nothing."""
     added, removed = (int(np.count_nonzero(part)) for part in (after.mask & ~before.mask, before.mask & ~after.mask))
     if added and removed:
@@ -343,5 +342,5 @@ def _describe_change(before: SelectionState, after: SelectionState) -> str:
         return "Cut:"
     if any(cut.spared.sum() > was.spared.sum() for cut, was in zip(after.cuts, before.cuts, strict=False)):
         return "Put back what was cut:"
-    kept_out = int(np.count_nonzero(after.excluded & ~before.excluded))
+    kept_out = int(np.count_nonzero(after.removed & ~before.removed))
     return f"Removed nothing that is selected; the trim will leave out {kept_out:,}:" if kept_out else ""

@@ -30,8 +30,7 @@ from gaussian_trimmer.output.engines import ENGINES, EngineName, placement_for
 from gaussian_trimmer.output.placing import PlacingOptions
 from gaussian_trimmer.output.report import describe, file_stems
 from gaussian_trimmer.output.saving import RESULTS, result_files, write_trim
-from gaussian_trimmer.selecting.marks import FromFile, FromMasks
-from gaussian_trimmer.selecting.marks_file import write_marks
+from gaussian_trimmer.selecting.marks import FromFile, FromMasks, write_marks
 from gaussian_trimmer.settings import to_plain
 from gaussian_trimmer.trimming.result import THE_OBJECT, TrimResult
 from gaussian_trimmer.trimming.trim import trim_objects

@@ -22,8 +22,7 @@ from gaussian_trimmer.formats.identify import PROJECT, identify
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import read_json
 from gaussian_trimmer.io.writing import make_folder, write_whole
-from gaussian_trimmer.selecting.marks import Marks
-from gaussian_trimmer.selecting.marks_file import marks_as_json, marks_from_json
+from gaussian_trimmer.selecting.marks import Marks, marks_as_json, marks_from_json
 from gaussian_trimmer.settings import from_plain, to_plain
 
 _HASHED_GAUSSIANS = 1000

@@ -13,7 +13,7 @@ from gaussian_trimmer.app.snapshots import Snapshot
 from gaussian_trimmer.app.worker import Cancelled
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import Click
-from gaussian_trimmer.selecting.view_lookup import views_to_click_in
+from gaussian_trimmer.selecting.select import views_to_click_in
 
 MAX_STEPS = 50
 """Number of steps that can be undone."""

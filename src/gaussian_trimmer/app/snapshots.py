@@ -14,9 +14,9 @@ import numpy as np
 from gaussian_trimmer.app.documents import Document
 from gaussian_trimmer.cameras import Point, point_of
 from gaussian_trimmer.gaussians import SH_C0, BoolArray
-from gaussian_trimmer.selecting.interpretation import MarkInterpreter, SelectionState
+from gaussian_trimmer.selecting.interpretation import MarkInterpreter
 from gaussian_trimmer.selecting.marks import Mark, Marks
-from gaussian_trimmer.selecting.selection_result import SelectionResult
+from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.evidence import EvidenceConfig
 from gaussian_trimmer.trimming.result import TrimResult
@@ -82,7 +82,7 @@ class MarkedObject:
     """From 1; no other object of the scene has had it."""
     name: str
     colour: Colour
-    selected: SelectionState
+    selected: Selection
     """What the marks select."""
     marks: tuple[Mark, ...] = ()
     cut: Cut = field(default_factory=Cut)
@@ -108,7 +108,7 @@ class MarkedObject:
         if stale is None:
             return mask
         rough = stale.selection
-        return np.asarray((stale.object_mask | (mask & ~rough)) & ~(rough & ~mask) & ~self.selected.excluded)
+        return np.asarray((stale.object_mask | (mask & ~rough)) & ~(rough & ~mask) & ~self.selected.removed)
 
     @property
     def n_selected(self) -> int:
@@ -130,7 +130,7 @@ class MarkedObject:
         said = [f"{self.name} is cut out: {len(result.object):,} Gaussians.", *[doubt] * (rejected > 0)]
         return " ".join([*said, *result.warnings])
 
-    def marked(self, marks: tuple[Mark, ...], selected: SelectionState, *, further: bool = False) -> MarkedObject:
+    def marked(self, marks: tuple[Mark, ...], selected: Selection, *, further: bool = False) -> MarkedObject:
         """Return the object with other marks; with further ones, its cut-out is stale and still to be seen."""
         stale = further and self.cut.result is not None
         before = self.before if self.cut.state is CutState.STALE and self.before is not None else self.mask
@@ -157,7 +157,7 @@ class Snapshot:
     @classmethod
     def first(cls, document: Document, up: UpVector) -> Snapshot:
         """Return the state in which nothing is marked."""
-        empty = MarkedObject(1, "object 1", PALETTE[0], SelectionState.nothing(len(document.scene)))
+        empty = MarkedObject(1, "object 1", PALETTE[0], Selection.nothing(len(document.scene)))
         return cls(document, up, document.basis(up), (empty,), 0, 2, "open")
 
     @property
@@ -195,11 +195,11 @@ class Snapshot:
         """Return the snapshot with another state of the object of the same id."""
         return replace(self, objects=tuple(changed if o.id == changed.id else o for o in self.objects), last=last)
 
-    def nothing(self) -> SelectionState:
+    def nothing(self) -> Selection:
         """Return an empty selection."""
-        return SelectionState.nothing(len(self.document.scene))
+        return Selection.nothing(len(self.document.scene))
 
-    def applied(self, selected: SelectionState, marks: Sequence[Mark]) -> SelectionState:
+    def applied(self, selected: Selection, marks: Sequence[Mark]) -> Selection:
         """Return a selection after further marks.
 
         Raises:
@@ -209,10 +209,9 @@ class Snapshot:
             selected = _interpreter(self.document, self.basis).apply(selected, mark)
         return selected
 
-    def selection_of(self, part: MarkedObject) -> SelectionResult:
+    def selection_of(self, part: MarkedObject) -> Selection:
         """Return what an object's marks select as `select` does, with what they removed and cut."""
-        state, marks = part.selected, replace(self.basis, marks=part.marks)
-        return SelectionResult(state.mask, marks, state.interpretations, state.excluded, state.cuts)
+        return replace(part.selected, marks=replace(self.basis, marks=part.marks))
 
     def understood_anew(self, last: str) -> Snapshot:
         """Return the same marks, understood with this up vector and these cameras; what is marked is not cut out.

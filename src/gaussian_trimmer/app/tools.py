@@ -21,7 +21,6 @@ from gaussian_trimmer.gaussians import Gaussians, mask_of_rows
 from gaussian_trimmer.rendering import top_contributors
 from gaussian_trimmer.selecting.clicks import NothingFoundError
 from gaussian_trimmer.selecting.marks import Box, Click, Effect, Grow, Mark, Rows, Shrink, Stroke
-from gaussian_trimmer.selecting.row_packing import pack_rows
 from gaussian_trimmer.selecting.shapes import in_spacings
 from gaussian_trimmer.selecting.strokes import in_spheres, shows_under, under_stroke
 from gaussian_trimmer.surface.viewed_scene import CONTRIBUTORS, small_view
@@ -91,7 +90,7 @@ class Tools:
             if way == "Invert":
                 return self._session.do(edits.invert)
             if way == "All":
-                return self._mark(Rows(pack_rows(self._shown_rows()), "all that is shown"))
+                return self._mark(Rows.of(self._shown_rows(), "all that is shown"))
             now, camera = self._session.now, self._view.viewpoint(client).camera
             means, mask = now.document.scene.means, now.object.selected.mask
             depths = np.abs(camera.to_camera(means[mask].astype(np.float64))[:, 2])
@@ -188,8 +187,8 @@ class Tools:
         if not (taken.any() or (cuts and shows_under(gaussians, stroke))):
             raise InputError("Nothing that is shown is there; draw over what you see.")
         whole = np.setdiff1d(rows[taken], rows[~taken])  # all of its parts
-        packed = pack_rows(mask_of_rows(whole, len(now.document.scene)))
-        return self._mark(Rows(packed, gesture.tool.lower(), effect, stroke if cuts else None), gesture)
+        mask = mask_of_rows(whole, len(now.document.scene))
+        return self._mark(Rows.of(mask, gesture.tool.lower(), effect, stroke if cuts else None), gesture)
 
     def _corner(self, view: Viewpoint, gesture: Gesture) -> str:
         self._corners.append(self._surface_point(view, gesture.places[0]))

@@ -12,7 +12,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet, Point, Viewpoint, point_
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, rotation_matrices
 from gaussian_trimmer.geometry.bounds import dominant_cluster
-from gaussian_trimmer.selecting.view_lookup import views_to_click_in
+from gaussian_trimmer.selecting.select import views_to_click_in
 from gaussian_trimmer.surface.viewed_scene import small_view, surface_points
 from gaussian_trimmer.views.standing import stands_in_rooms
 

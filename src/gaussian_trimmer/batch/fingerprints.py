@@ -20,7 +20,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.masks import options_kind
-from gaussian_trimmer.selecting.marks_file import read_marks
+from gaussian_trimmer.selecting.marks import read_marks
 from gaussian_trimmer.settings import to_plain
 
 

@@ -23,7 +23,7 @@ from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.masks import get_segmenter
 from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.output.saving import write_trim
-from gaussian_trimmer.selecting.selection_input import read_selection_result
+from gaussian_trimmer.selecting.reading import read_selection_result
 from gaussian_trimmer.settings import to_plain
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
 from gaussian_trimmer.trimming.result import TrimResult

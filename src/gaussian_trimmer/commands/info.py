@@ -21,8 +21,7 @@ from gaussian_trimmer.formats.streamed_sog import open_streamed
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import is_file, read_json
 from gaussian_trimmer.options import Positional, arg
-from gaussian_trimmer.selecting.marks import KINDS
-from gaussian_trimmer.selecting.marks_file import read_marks
+from gaussian_trimmer.selecting.marks import KINDS, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, arrays_that_select, offered_kinds
 from gaussian_trimmer.selection_files.feature_kinds import classifier_of
 from gaussian_trimmer.selection_files.kinds import LABEL_NAMES, MASK

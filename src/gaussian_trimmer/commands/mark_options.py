@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.options import Ordered, arg
-from gaussian_trimmer.selecting.marks import Box, Box3D, Click, Effect, FromFile, Grow, Mark, Plane, Shrink, Sphere
+from gaussian_trimmer.selecting.marks import Box, Box3D, Click, Effect, FromFile, Grow, Mark, Shrink, Sphere
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import Range
 
@@ -54,15 +54,8 @@ class MarkOptions:
     """Deselect everything inside this ball."""
     intersect_sphere: Annotated[Ordered[_Four], arg(metavar="X Y Z RADIUS")] = ()
     """Deselect everything outside this ball."""
-    plane: Annotated[Ordered[_Four], arg(metavar="NX NY NZ OFFSET")] = ()
-    """Select everything above this plane: points p with N . p > OFFSET. With --coordinates up, 0 0 1 H is everything
-    above height H."""
-    remove_plane: Annotated[Ordered[_Four], arg(metavar="NX NY NZ OFFSET")] = ()
-    """Deselect everything above this plane."""
-    intersect_plane: Annotated[Ordered[_Four], arg(metavar="NX NY NZ OFFSET")] = ()
-    """Deselect everything below this plane."""
     coordinates: Literal["scene", "up"] = "scene"
-    """Coordinates of 3D boxes, balls and planes: the scene's own, or turned so that z is up."""
+    """Coordinates of 3D boxes and balls: the scene's own, or turned so that z is up."""
     add: Annotated[Ordered[str], arg(metavar="FILE[#ID,...]")] = ()
     """Add what a selection file of any kind selects; #ID picks objects in it."""
     subtract: Annotated[Ordered[str], arg(metavar="FILE[#ID,...]")] = ()
@@ -109,8 +102,6 @@ class MarkOptions:
             return Box3D(value[:3], value[3:], self.coordinates, effect)
         if kind == "sphere":
             return Sphere(value[:3], value[3], self.coordinates, effect)
-        if kind == "plane":
-            return Plane(value[:3], value[3], self.coordinates, effect)
         if view is None:
             if self.view or self.view_index:
                 raise InputError(

@@ -25,7 +25,7 @@ from gaussian_trimmer.finding.saving import FOUND_FILES, write_found
 from gaussian_trimmer.io.manifest import is_made_of
 from gaussian_trimmer.io.writing import atomic_folder, safe_file_name
 from gaussian_trimmer.options import arg
-from gaussian_trimmer.selecting.selection_result import SelectionResult
+from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.trimming.trim_options import TrimOptions
 from gaussian_trimmer.trimming.up_vector import UpVector, find_up
 
@@ -121,7 +121,7 @@ class Objects:
             return
         chosen = chosen_objects(found, keep=self.keep or None, merge=merge, split=self.split_objects, names=names)
         numbered = all(name.isdigit() for name in chosen)  # then objects keep their numbers
-        selections = {int(name) if numbered else name: SelectionResult(mask) for name, mask in chosen.items()}
+        selections = {int(name) if numbered else name: Selection(mask) for name, mask in chosen.items()}
         self._run_of(self.trim, folder, list(selections)).run(
             console, lambda: SelectedScene(scene, cameras, selections, up)
         )

@@ -17,19 +17,18 @@ from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words
 from gaussian_trimmer.commands.trim_run import ResultOptions, SelectedScene, TrimRun
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.manifest import is_made_of
+from gaussian_trimmer.io.reading import is_file
 from gaussian_trimmer.io.writing import atomic_folder, save_array
 from gaussian_trimmer.options import arg
 from gaussian_trimmer.output.pictures import as_picture, with_grid, write_picture
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selecting.lifting import lift_id_masks
-from gaussian_trimmer.selecting.marks import FromMasks, Mark, Marks
-from gaussian_trimmer.selecting.marks_file import read_marks
-from gaussian_trimmer.selecting.saved_selection import note_on, save_selection
-from gaussian_trimmer.selecting.select import select
-from gaussian_trimmer.selecting.selection_result import SelectionResult
-from gaussian_trimmer.selecting.view_lookup import resolve_views
+from gaussian_trimmer.selecting.marks import FromMasks, Mark, Marks, read_marks
+from gaussian_trimmer.selecting.select import resolve_views, select
+from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.settings import Range
 from gaussian_trimmer.surface.overview import Overview, OverviewConfig, drawn_rows, plan_views
 from gaussian_trimmer.trimming.result import THE_OBJECT
@@ -140,12 +139,12 @@ class Select:
             save_array(labels, self.selection_path)
             count = f"{np.count_nonzero(labels):,} of {len(scene):,} Gaussians"
             console.print(f"{self.selection_path}: {count}, {n_masks} masks")
-            return SelectedScene(scene, cameras, {THE_OBJECT: SelectionResult(labels != 0)})
+            return SelectedScene(scene, cameras, {THE_OBJECT: Selection(labels != 0)})
         up = find_up(scene, cameras, self.options.config.up)
         print_up(console, up)
         marks, model = self._resolved(scene, cameras, up), self.options.promptable_model()
         made = select(scene, marks, cameras=cameras, model=model)
-        save_selection(made, self.selection_path, self.inputs.scene)
+        made.save(self.selection_path)
         ends = np.percentile(scene.means[made.mask] @ up_frame(up.direction).T, _END_PERCENTILES, axis=0)
         size, understood = in_lengths(np.ptp(ends, axis=0)), ", ".join(made.interpretations)
         count = f"{np.count_nonzero(made.mask):,} of {len(scene):,} Gaussians"
@@ -161,9 +160,8 @@ class Select:
         resolved = resolve_views(
             scene, marks, cameras=cameras, up=up.direction, views=views, camera_path=self.inputs.cameras
         )
-        if self.marks is None:
-            return resolved
-        return read_marks(self.marks).followed_by(resolved, self.inputs.cameras)
+        resolved = replace(resolved, scene=self.inputs.scene)
+        return resolved if self.marks is None else read_marks(self.marks).followed_by(resolved, self.inputs.cameras)
 
     def _check(self) -> None:
         """Refuse what is not possible or cannot go together before anything is read."""
@@ -189,18 +187,21 @@ class Select:
 
     def _check_files(self) -> None:
         """Refuse to replace inputs, and files that an earlier selection of this scene did not write."""
-        path, note = self.selection_path, note_on(self.selection_path)
-        scene, overwrite = self.inputs.scene, self.results.overwrite
+        path, scene, overwrite = self.selection_path, self.inputs.scene, self.results.overwrite
+        beside = path.with_suffix(".json")
+        # Of an array that was written after its marks, these do not tell.
+        marked = is_file(path) and identify(beside).kind == "marks" and path.stat().st_mtime <= beside.stat().st_mtime
+        earlier = read_marks(beside).scene if marked else None
         inputs = [file for file in (scene, self.inputs.cameras, *self.mark_options.files) if file is not None]
-        again = not self.object_ids and note is not None and note.is_of(scene)
-        if note is not None and not note.is_of(scene) and not overwrite:
+        again = not self.object_ids and earlier is not None and earlier.resolve() == scene.resolve()
+        if marked and not (again or self.object_ids or overwrite):
             raise InputError(
-                f"'{path}' is a selection of another scene ('{note.scene or 'unknown'}'); choose another name with "
+                f"'{path}' is a selection of another scene ('{earlier or 'unknown'}'); choose another name with "
                 "--output, or replace it with --overwrite."
             )
         refuse_existing(path, inputs=inputs, overwrite=overwrite or again)
         if not self.object_ids:
-            refuse_existing(path.with_suffix(".json"), inputs=inputs, overwrite=overwrite or again)
+            refuse_existing(beside, inputs=inputs, overwrite=overwrite or again)
 
     def _overview(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Overview:
         if cameras is None:
@@ -230,8 +231,6 @@ class Select:
 
     def _next_command(self, marks: Marks | None) -> str:
         scene, *options = self.inputs.words(self.options)
-        if marks is not None and marks.have_cuts:
-            file = str(self.selection_path.with_suffix(".json"))
-            return shlex.join(["gaussian-trimmer", "select", scene, "--marks", file, *options, "--trim", "trimmed"])
-        selection = [*(["--labels"] if self.object_ids else []), str(self.selection_path)]
+        path = self.selection_path.with_suffix(".json") if marks is not None and marks.exclude else self.selection_path
+        selection = [*(["--labels"] if self.object_ids else []), str(path)]
         return shlex.join(["gaussian-trimmer", "trim", scene, *selection, *options])

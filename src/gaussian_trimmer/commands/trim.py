@@ -20,9 +20,9 @@ from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.options import Names, Positional, arg
 from gaussian_trimmer.selecting.lifting import lift_id_masks
-from gaussian_trimmer.selecting.selection_input import read_selection, read_selection_result
-from gaussian_trimmer.selecting.selection_result import SelectionResult
-from gaussian_trimmer.selecting.view_lookup import with_query_row
+from gaussian_trimmer.selecting.reading import read_selection, read_selection_result
+from gaussian_trimmer.selecting.select import with_query_row
+from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.selection_files import SelectionOptions, load_objects
 from gaussian_trimmer.selection_files.kinds import is_trimmed
 from gaussian_trimmer.selection_files.selection_file import open_selection
@@ -133,9 +133,9 @@ class Trim:
         """Return the scene and what is selected in it, without what --exclude names."""
         scene, cameras = to_read.read(self.options, console)
         if self.labels is None:
-            selections: dict[Any, SelectionResult] = {THE_OBJECT: self._selected(scene, cameras, console)}
+            selections: dict[Any, Selection] = {THE_OBJECT: self._selected(scene, cameras, console)}
         else:
-            selections = {number: SelectionResult(mask) for number, mask in self._labelled(scene, cameras).items()}
+            selections = {number: Selection(mask) for number, mask in self._labelled(scene, cameras).items()}
         left, others = {}, np.zeros(len(scene), np.bool_)
         for path in self.exclude:
             others |= _rows_of(path, scene)
@@ -148,7 +148,7 @@ class Trim:
             left[number] = replace(selection, mask=mask, excluded=excluded)
         return SelectedScene(scene, cameras, left)
 
-    def _selected(self, scene: Gaussians, cameras: CameraSet | None, console: Console) -> SelectionResult:
+    def _selected(self, scene: Gaussians, cameras: CameraSet | None, console: Console) -> Selection:
         """Return what SELECTION and marks select."""
         options = self.selection_options
         if options.query_point is not None:

@@ -32,9 +32,8 @@ from gaussian_trimmer.output.html.report_page import REPORT, sentence_of
 from gaussian_trimmer.output.placing import PlacingOptions
 from gaussian_trimmer.output.report import describe, object_entries
 from gaussian_trimmer.output.saving import PICTURE, RESULTS, result_files, write_trim
-from gaussian_trimmer.selecting.marks import Click
-from gaussian_trimmer.selecting.marks_file import write_marks
-from gaussian_trimmer.selecting.selection_result import SelectionResult
+from gaussian_trimmer.selecting.marks import Click, write_marks
+from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.settings import to_plain
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
 from gaussian_trimmer.trimming.config import TrimConfig
@@ -90,13 +89,13 @@ class SelectedScene:
 
     scene: Gaussians
     cameras: CameraSet | None
-    selections: Mapping[Any, SelectionResult]
+    selections: Mapping[Any, Selection]
     """By the objects' ids or names."""
     up: UpVector | None = None
     """What was found for the whole scene; if it is sure, no object searches for its own."""
 
     @property
-    def first(self) -> SelectionResult:
+    def first(self) -> Selection:
         """The selection of the first object; marks and photographs are for one alone."""
         return next(iter(self.selections.values()))
 

@@ -8,14 +8,14 @@ them follow the clicked ones. The best region is well separated from the rest an
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.distances import distance_to_outside
 from gaussian_trimmer.selecting.marks import Effect
+from gaussian_trimmer.selecting.selection import Seed
 from gaussian_trimmer.surface.surface_cut import SurfaceCut
 from gaussian_trimmer.surface.surface_graph import SurfaceGraph, build_surface_graph
 from gaussian_trimmer.surface.viewed_scene import ViewedScene
@@ -44,17 +44,6 @@ _SELECTED_SHARE = 0.5
 """A thing of which a larger share than this is selected is removed as a whole, where others are selected too."""
 _OTHERS_SHARE = 0.2
 """Others are selected too if the rest of the selection is more than this, relative to the thing."""
-
-
-@dataclass(frozen=True, eq=False)
-class Seed:
-    """A place that the user said belongs to the object, or does not."""
-
-    point: Float64Array
-    """World point, (3,)."""
-    radius: float
-    """How far around it that holds, in scene units."""
-    inside: bool
 
 
 def expected_radius(shown: BoolArray, x: int, y: int, depth: float, camera: Camera) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +26,7 @@ from gaussian_trimmer.selecting.clicks import (
     select_by_click,
     select_by_colour,
 )
-from gaussian_trimmer.selecting.corrections import Seed, correct_at_click, expected_radius, is_meant_whole
+from gaussian_trimmer.selecting.corrections import correct_at_click, expected_radius, is_meant_whole
 from gaussian_trimmer.selecting.lifting import lift_by_assignment
 from gaussian_trimmer.selecting.marks import (
     Box,
@@ -38,15 +38,13 @@ from gaussian_trimmer.selecting.marks import (
     Grow,
     Mark,
     Marks,
-    Plane,
     Rows,
     Shrink,
     Sphere,
     View,
 )
-from gaussian_trimmer.selecting.marks_file import read_marks
 from gaussian_trimmer.selecting.model_masks import PromptableModel, select_by_model
-from gaussian_trimmer.selecting.row_packing import unpack_rows
+from gaussian_trimmer.selecting.selection import Seed, Selection
 from gaussian_trimmer.selecting.shapes import grown, inside_shape, shrunk
 from gaussian_trimmer.selecting.strokes import drawn_over
 from gaussian_trimmer.selection_files import load_selection
@@ -71,40 +69,6 @@ INTERPRETATIONS = {
     "frame": "all that is selected in the box",
 }
 """How marks in views are understood."""
-
-
-@dataclass(frozen=True, eq=False)
-class SelectionState:
-    """What the first few marks select, from which the next one goes on; arrays are not changed in place."""
-
-    mask: BoolArray
-    """(N,)."""
-    excluded: BoolArray
-    """What marks removed and none selected again, (N,)."""
-    seeds: tuple[Seed, ...] = ()
-    """What clicks have said about places."""
-    interpretations: tuple[str, ...] = ()
-    """How each mark was understood."""
-    cuts: tuple[StrokeCut, ...] = ()
-    """Strokes at which a trim cuts."""
-    other_sizes: tuple[IntArray, ...] = ()
-    """Rows of what the last click means if it is made again, and again: the next larger thing, the next smaller one."""
-    before_click: SelectionState | None = None
-    """What was selected before that click; None if it has no other sizes."""
-
-    @classmethod
-    def nothing(cls, n: int) -> SelectionState:
-        """Return what no mark selects, in a scene of n Gaussians."""
-        return cls(np.zeros(n, np.bool_), np.zeros(n, np.bool_))
-
-    def combined(self, found: BoolArray, effect: Effect) -> SelectionState:
-        """Combine with what a mark means, (N,); what one removes is excluded whether or not it was selected."""
-        if effect == "remove":
-            return replace(self, mask=self.mask & ~found, excluded=self.excluded | found)
-        mask = self.mask | found if effect == "add" else self.mask & found
-        spared = found if effect == "add" else np.zeros_like(found)
-        cuts = tuple(replace(cut, spared=cut.spared | spared) for cut in self.cuts)
-        return replace(self, mask=mask, excluded=self.excluded & ~mask, cuts=cuts)
 
 
 class MarkInterpreter:
@@ -134,7 +98,7 @@ class MarkInterpreter:
 
             self._things = ThingsAtPoints(scene, self._up)
 
-    def apply(self, before: SelectionState, mark: Mark) -> SelectionState:
+    def apply(self, before: Selection, mark: Mark) -> Selection:
         """Return the selection after one more mark, whose view is resolved; nothing may remain selected.
 
         Raises:
@@ -155,25 +119,28 @@ class MarkInterpreter:
             after = replace(after, other_sizes=(), before_click=None)
         return replace(after, interpretations=(*before.interpretations, interpretation))
 
-    def _applied(self, state: SelectionState, mark: Mark, number: int) -> tuple[SelectionState, str]:
+    def _applied(self, state: Selection, mark: Mark, number: int) -> tuple[Selection, str]:
         means = self._scene.means
         match mark:
             case Click():
                 return self._click(state, mark)
             case Box():
                 return self._box(state, mark)
-            case Box3D() | Sphere() | Plane():
-                name = {Box3D: "a 3D box", Sphere: "a sphere", Plane: "what lies above a plane"}[type(mark)]
+            case Box3D() | Sphere():
+                name = "a 3D box" if isinstance(mark, Box3D) else "a sphere"
                 return state.combined(inside_shape(means, mark, self._up), mark.effect), name
             case Rows():
-                combined = state.combined(unpack_rows(mark.packed, len(means)), mark.effect)
+                combined = state.combined(mark.mask(len(means)), mark.effect)
                 if mark.cut is not None:
                     cut = StrokeCut(*drawn_over(mark.cut), np.zeros(len(means), np.bool_))
                     combined = replace(combined, cuts=(*combined.cuts, cut))
                 return combined, mark.tool
             case FromFile():
-                found, notes = self._from_file(mark)
-                return state.combined(found, mark.effect), "; ".join([f"'{mark.path.name}'", *notes])
+                if identify(mark.path).kind == "marks":
+                    raise InputError(f"'{mark.path}' holds marks; give the .npy beside it, which they selected.")
+                notes = [f"'{mark.path.name}'"]
+                found = load_selection(mark.path, self._scene, mark.options, notes.append)
+                return state.combined(found, mark.effect), "; ".join(notes)
             case FromMasks():
                 found, n = self._lifted(mark)
                 return state.combined(found, mark.effect), f"{n} masks"
@@ -184,7 +151,7 @@ class MarkInterpreter:
                 mask = shrunk(means, state.mask, mark.spacings)
                 return replace(state, mask=mask), "shrunk"
 
-    def _click(self, state: SelectionState, mark: Click) -> tuple[SelectionState, str]:
+    def _click(self, state: Selection, mark: Click) -> tuple[Selection, str]:
         view, rows = self._viewed(mark.view)
         sizes, before = state.other_sizes, state.before_click
         state = replace(state, other_sizes=(), before_click=None)
@@ -229,8 +196,8 @@ class MarkInterpreter:
         return state.combined(after != state.mask, mark.effect), INTERPRETATIONS["region"]
 
     def _near(
-        self, state: SelectionState, view: ViewedScene, rows: IntArray, mark: Click, target: Target
-    ) -> tuple[SelectionState, str]:
+        self, state: Selection, view: ViewedScene, rows: IntArray, mark: Click, target: Target
+    ) -> tuple[Selection, str]:
         """Select what a click in a large capture means where no thing was found, by its surroundings alone."""
         distances = np.linalg.norm(view.gaussians.means - target.point.astype(np.float32), axis=1)
         near = np.flatnonzero(distances < target.depth / 2)
@@ -241,7 +208,7 @@ class MarkInterpreter:
             return self._picked(state, Pick(alone, "alone"), rows, mark.effect)
         return self._picked(state, select_around_click(around, mark.x, mark.y), rows[near], mark.effect)
 
-    def _box(self, state: SelectionState, mark: Box) -> tuple[SelectionState, str]:
+    def _box(self, state: Selection, mark: Box) -> tuple[Selection, str]:
         view, rows = self._viewed(mark.view)
         box = mark.x0, mark.y0, mark.x1, mark.y1
         pick = self._interpreted(view, box)
@@ -263,7 +230,7 @@ class MarkInterpreter:
         except NothingFoundError:
             return select_around_click(view, *mark)
 
-    def _picked(self, state: SelectionState, pick: Pick, rows: IntArray, effect: Effect) -> tuple[SelectionState, str]:
+    def _picked(self, state: Selection, pick: Pick, rows: IntArray, effect: Effect) -> tuple[Selection, str]:
         """Return the state with what was found among some rows of the scene."""
         found = mask_of_rows(rows[pick.selection], len(state.mask))
         return state.combined(found, effect), INTERPRETATIONS[pick.kind]
@@ -273,17 +240,6 @@ class MarkInterpreter:
         assert isinstance(view, Viewpoint), "views are resolved"
         drawn, rows = drawn_part(self._scene, view)
         return ViewedScene(drawn, view.camera, self._up, self._seen_from), rows
-
-    def _from_file(self, mark: FromFile) -> tuple[BoolArray, list[str]]:
-        """Return what a selection file, or a file of marks, selects, (N,), and notes on how it was understood."""
-        if identify(mark.path).kind != "marks":
-            notes: list[str] = []
-            return load_selection(mark.path, self._scene, mark.options, notes.append), notes
-        marks = read_marks(mark.path)
-        if any(isinstance(inner, FromFile) and identify(inner.path).kind == "marks" for inner in marks.marks):
-            raise InputError(f"'{mark.path}' holds marks that refer to files of marks; save what they select instead.")
-        made = apply_marks(self._scene, marks, cameras=self._cameras, model=self._model)
-        return made.mask, [f"{len(marks.marks)} marks"]
 
     def _lifted(self, mark: FromMasks) -> tuple[BoolArray, int]:
         """Return the selection (N,) by a folder of masks, and their number."""
@@ -300,7 +256,7 @@ def apply_marks(
     *,
     cameras: CameraSet | None,
     model: PromptableModel | None,
-) -> SelectionState:
+) -> Selection:
     """Return what resolved marks select together.
 
     Raises:
@@ -316,17 +272,17 @@ def apply_marks(
     if cameras is None and marks.cameras is not None and any(isinstance(mark, FromMasks) for mark in marks.marks):
         cameras = read_camera_set(marks.cameras)
     interpreter = MarkInterpreter(scene, marks, cameras=cameras, model=model)
-    state = SelectionState.nothing(len(scene))
+    state = Selection.nothing(len(scene))
     for mark in marks.marks:
         state = interpreter.apply(state, mark)
     if not state.mask.any():
         raise InputError(
             "No Gaussian is selected after the last mark; check that the cameras, masks and views belong to this scene."
         )
-    return state
+    return replace(state, marks=marks)
 
 
-def _sized(before: SelectionState, sizes: Sequence[IntArray], effect: Effect) -> SelectionState:
+def _sized(before: Selection, sizes: Sequence[IntArray], effect: Effect) -> Selection:
     """Return the state with the first of some things, by their rows; the others come if the click is made again."""
     after = before.combined(mask_of_rows(sizes[0], len(before.mask)), effect)
     return replace(after, other_sizes=tuple(sizes[1:]), before_click=before)

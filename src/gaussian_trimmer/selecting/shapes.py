@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from gaussian_trimmer.cameras import unit_up, up_frame
+from gaussian_trimmer.cameras import up_frame
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
-from gaussian_trimmer.geometry import planes
 from gaussian_trimmer.geometry.neighbours import nearest
-from gaussian_trimmer.selecting.marks import Box3D, Coordinates, Plane, Sphere
+from gaussian_trimmer.selecting.marks import Box3D, Coordinates, Sphere
 
 _MIN_GAUSSIANS = 2
 
 
-def inside_shape(means: FloatArray, shape: Box3D | Sphere | Plane, up: Float64Array) -> BoolArray:
-    """Return which centres (N, 3) lie in a box or a ball, or above a plane, (N,).
+def inside_shape(means: FloatArray, shape: Box3D | Sphere, up: Float64Array) -> BoolArray:
+    """Return which centres (N, 3) lie in a box or a ball, (N,).
 
     Args:
         up: the scene's up vector (3,), along which z points where the shape's coordinates are `up`.
 
     Raises:
-        InputError: the box is empty, the radius is not above zero, or the normal is zero.
+        InputError: the box is empty, or the radius is not above zero.
     """
     points = _in_coordinates(means, shape.coordinates, up)
     if isinstance(shape, Box3D):
@@ -32,13 +31,9 @@ def inside_shape(means: FloatArray, shape: Box3D | Sphere | Plane, up: Float64Ar
                 "below its partner."
             )
         return np.asarray(((points >= low) & (points <= high)).all(axis=1))
-    if isinstance(shape, Sphere):
-        if not shape.radius > 0:
-            raise InputError(f"The sphere's radius is {shape.radius:g}; it must be above zero.")
-        return np.asarray(np.linalg.norm(points - np.array(shape.centre), axis=1) <= shape.radius)
-    normal = unit_up(shape.normal, "The plane's normal")
-    plane = planes.Plane(normal, shape.offset / float(np.linalg.norm(shape.normal)))
-    return plane.signed_distance(points) > 0
+    if not shape.radius > 0:
+        raise InputError(f"The sphere's radius is {shape.radius:g}; it must be above zero.")
+    return np.asarray(np.linalg.norm(points - np.array(shape.centre), axis=1) <= shape.radius)
 
 
 def grown(means: FloatArray, selection: BoolArray, spacings: float) -> BoolArray:

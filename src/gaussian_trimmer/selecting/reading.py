@@ -1,8 +1,9 @@
-"""A selection from whatever file holds one: a selection file of any kind, with the marks beside it, or marks alone."""
+"""A selection from whatever file holds one: a selection file of any kind, or marks."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,8 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, check_gaussians
-from gaussian_trimmer.selecting.marks import FromFile, Mark
-from gaussian_trimmer.selecting.marks_file import read_marks
-from gaussian_trimmer.selecting.saved_selection import excluded_from, note_beside
-from gaussian_trimmer.selecting.selection_result import SelectionResult
+from gaussian_trimmer.selecting.marks import FromFile, Mark, read_marks
+from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 from gaussian_trimmer.selection_files.selection_file import flag
 
@@ -52,7 +51,7 @@ def read_selection_result(
     camera_path: Path | None = None,
     up: Any = None,
     say: Callable[[str], None] = lambda note: None,
-) -> SelectionResult:
+) -> Selection:
     """Return what a file or marks select, with all that marks say of it.
 
     Args:
@@ -71,8 +70,7 @@ def read_selection_result(
         raise InputError(f"'{path}' holds marks and does not use {flag(unused[0])}; leave that out.")
     if earlier is not None or further:
         # Late, since most files hold no marks, and need no kernels.
-        from gaussian_trimmer.selecting.select import select
-        from gaussian_trimmer.selecting.view_lookup import resolve_views
+        from gaussian_trimmer.selecting.select import resolve_views, select
 
         if path is not None and earlier is None:
             further = [FromFile(path, options), *further]
@@ -80,15 +78,8 @@ def read_selection_result(
         marks = marks if earlier is None else earlier.followed_by(marks, camera_path)
         return select(scene, marks, cameras=cameras)
     if path is None:
-        return SelectionResult(np.ones(len(scene), np.bool_))
-    found = SelectionResult(load_selection(path, scene, options, say), excluded=excluded_from(path, len(scene)))
-    beside = path.with_suffix(".json")
-    if found.excluded is None:
-        if note_beside(path) is not None:
-            say(f"{beside} is about another state of {path.name}, so what its marks removed is unknown; select again.")
-        return found
-    if found.excluded.any():
-        say(f"{beside}: the {np.count_nonzero(found.excluded):,} Gaussians that its marks removed stay out.")
-    if read_marks(beside).have_cuts:
-        say(f"An array holds no strokes, so those of {beside} cut nothing; 'select --marks {beside} --trim DIR' cuts.")
-    return found
+        return Selection(np.ones(len(scene), np.bool_))
+    with suppress(InputError):
+        if identify(beside := path.with_suffix(".json")).kind == "marks" and read_marks(beside).exclude:
+            say(f"{path.name} does not say what its marks removed; give {beside} as the selection to keep that out.")
+    return Selection(load_selection(path, scene, options, say))

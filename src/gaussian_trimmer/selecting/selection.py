@@ -1,0 +1,100 @@
+"""A selection: what it is in memory and on disk."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, IntArray
+from gaussian_trimmer.io.writing import atomic_file, npy_bytes
+from gaussian_trimmer.selecting.marks import Effect, Marks, write_marks
+
+if TYPE_CHECKING:  # most selections are read from files, and need no kernels
+    from gaussian_trimmer.trimming.stroke_cuts import StrokeCut
+
+
+@dataclass(frozen=True, eq=False)
+class Seed:
+    """A place that the user said belongs to the object, or does not."""
+
+    point: Float64Array
+    """World point, (3,)."""
+    radius: float
+    """How far around it that holds, in scene units."""
+    inside: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """What a file or marks select; `trim` takes it as it is. Arrays are not changed in place."""
+
+    mask: BoolArray
+    """(N,)."""
+    excluded: BoolArray | None = None
+    """What a trim does not take in, since marks removed it and none selected it again, (N,); None: nothing."""
+    cuts: tuple[StrokeCut, ...] = ()
+    """Strokes at which a trim cuts."""
+    marks: Marks | None = None
+    """The marks, with everything that their meaning depends on; None if it was not made by marks."""
+    interpretations: tuple[str, ...] = ()
+    """How each mark was understood."""
+    seeds: tuple[Seed, ...] = ()
+    """What clicks have said about places."""
+    other_sizes: tuple[IntArray, ...] = ()
+    """Rows of what the last click means if it is made again, and again: the next larger thing, the next smaller one."""
+    before_click: Selection | None = None
+    """What was selected before that click; None if it has no other sizes."""
+
+    @classmethod
+    def nothing(cls, n: int) -> Selection:
+        """Return what no mark selects, in a scene of n Gaussians."""
+        return cls(np.zeros(n, np.bool_), np.zeros(n, np.bool_))
+
+    def __repr__(self) -> str:
+        made = f", {', '.join(self.interpretations)}" if self.interpretations else ""
+        return f"<Selection: {np.count_nonzero(self.mask):,} of {len(self.mask):,} Gaussians{made}>"
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return the mask, for NumPy."""
+        return np.array(self.mask, dtype, copy=bool(copy) or dtype not in (None, np.bool_))
+
+    @property
+    def removed(self) -> BoolArray:
+        """What marks removed and none selected again, (N,)."""
+        return np.zeros_like(self.mask) if self.excluded is None else self.excluded
+
+    def combined(self, found: BoolArray, effect: Effect) -> Selection:
+        """Combine with what a mark means, (N,); what one removes is excluded whether or not it was selected."""
+        if effect == "remove":
+            return replace(self, mask=self.mask & ~found, excluded=self.removed | found)
+        mask = self.mask | found if effect == "add" else self.mask & found
+        spared = found if effect == "add" else np.zeros_like(found)
+        cuts = tuple(replace(cut, spared=cut.spared | spared) for cut in self.cuts)
+        return replace(self, mask=mask, excluded=self.removed & ~mask, cuts=cuts)
+
+    def save(self, path: str | Path) -> None:
+        """Write the mask as .npy and, if marks made it, these beside it as .json: `trim` takes either.
+
+        Marks say what the mask alone does not: what they removed, and where they cut.
+
+        Raises:
+            InputError: a file cannot be written.
+        """
+        path = Path(path)
+        with atomic_file(path) as part:  # both are on the disk before either takes its place
+            part.write_bytes(npy_bytes(self.mask))
+            if self.marks is not None:
+                write_marks(self.marks, path.with_suffix(".json"))
+
+    def save_marks(self, path: str | Path) -> None:
+        """Write the marks to a .json file, from which `select` makes the selection again.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        assert self.marks is not None, "only what marks select has marks to save"
+        write_marks(self.marks, Path(path))
