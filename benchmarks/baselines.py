@@ -18,28 +18,23 @@ Means are over the objects, each over its test views, with 95 % bootstrap interv
 
 from __future__ import annotations
 
+from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import NamedTuple
 
 import numpy as np
-import tyro
-from benchmark_scenes import BenchmarkScene, open_scene
-from tyro.conf import Positional, arg
+from benchmark_scenes import open_scene
+from quality import parser_of
 from variants import chosen_variants
 
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, only_training
-from gaussian_trimmer.commands.console import open_console
-from gaussian_trimmer.commands.evaluate import RuleOptions
-from gaussian_trimmer.commands.tables import Findings, TableOptions, print_run
+from gaussian_trimmer.commands.evaluate import Findings, publish
 from gaussian_trimmer.evaluation.ground_truth import read_mask
-from gaussian_trimmer.evaluation.provenance import made_by
-from gaussian_trimmer.evaluation.results import cut_by
-from gaussian_trimmer.evaluation.runs import Run, Trial, evenly_spread, measure, unit_scores
-from gaussian_trimmer.evaluation.statistics import interval_of
-from gaussian_trimmer.evaluation.tables import Cell, ScoreTable
+from gaussian_trimmer.evaluation.scoring import Judge, cut_by
+from gaussian_trimmer.evaluation.tables import MADE_BY, Cell, ScoreTable, interval_of, unit_scores
+from gaussian_trimmer.evaluation.trials import Run, Trial, evenly_spread, measure
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, concatenate, rotation_matrices
 from gaussian_trimmer.geometry.split import AXIS_LENGTH, SAGD_SHRINKAGE, split_plane
 from gaussian_trimmer.masks.prompts import Prompt
@@ -59,8 +54,7 @@ ROUNDS = 2
 METRICS = {"iou": "IoU", "iou_in_scene": "IoU in scene", "boundary_iou": "boundary IoU"}
 
 
-@dataclass(frozen=True, eq=False)
-class Lifting:
+class Lifting(NamedTuple):
     """What a method is given."""
 
     gaussians: Gaussians
@@ -129,52 +123,41 @@ METHODS: dict[str, Callable[[Lifting], Lifted]] = {
 }
 
 
-@dataclass(frozen=True)
-class Baselines:
+def main() -> None:
+    parser = parser_of(__doc__)
+    parser.add_argument("scenes", nargs="+", type=Path, help="benchmark scenes")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
+    parser.add_argument("--objects", nargs="+", help="only these objects")
+    parser.add_argument("--views", type=int, default=10, help="number of training views, evenly spread")
+    parser.add_argument("--sam-model", type=Path, help="folder of a model of the SAM family that makes the masks")
+    parser.add_argument("--masks", type=Path, help="folder of a folder of masks for each object, named like the views")
+    parser.add_argument("--variants", nargs="+", default=["default", "paper"], help="ways of trimming; see variants.py")
+    parser.add_argument("--output", type=Path, help="folder to write the table to, in every format")
+    options = parser.parse_args()
+    publish(lambda: baselines(options), output=options.output)
+
+
+def baselines(options: Namespace) -> Findings:
     """Measure methods that lift masks, each alone and trimmed."""
+    judge, runs, overlaps = Judge(), list[Run](), list[float]()
+    ways = chosen_variants(options.variants, options.sam_model)
+    for trial in lifted_trials(options, overlaps):
+        for run in measure(trial, ways, judge, fidelity=False):
+            runs.append(run)
+            print(run, flush=True)
+    how = f"SAM by true boxes ({options.sam_model.name})" if options.sam_model else options.masks or "the scene's own"
+    made = f"masks of {options.views} training views: {how}, IoU {100 * np.mean(overlaps):.1f} with the true"
+    return {"baselines": table_of(runs, options.variants, [made, judge.describe(), MADE_BY])}, runs, {}
 
-    scenes: Annotated[Positional[tuple[Path, ...]], arg(metavar="SCENE")]
-    """Benchmark scenes."""
-    methods: tuple[str, ...] = tuple(METHODS)
-    objects: tuple[str, ...] = ()
-    """Only these objects."""
-    views: int = 10
-    """Number of training views, evenly spread."""
-    sam_model: Path | None = None
-    """Folder with a model of the SAM family that makes the masks."""
-    masks: Path | None = None
-    """Folder with a folder of masks for each object, named like the training views."""
-    variants: tuple[str, ...] = ("default", "paper")
-    """Ways of trimming; see variants.py."""
-    rules: Annotated[RuleOptions, arg(name="")] = field(default_factory=RuleOptions)
-    tables: Annotated[TableOptions, arg(name="")] = field(default_factory=TableOptions)
 
-    def run(self) -> None:
-        self.tables.publish(self._measure, open_console(quiet=False))
-
-    def _measure(self) -> Findings:
-        judge, runs = self.rules.judge(), list[Run]()
-        chosen = chosen_variants(self.variants, self.sam_model)
-        progress, overlaps = open_console(quiet=self.tables.for_programs), list[float]()
-        for folder in self.scenes:
-            for trial in self._trials(open_scene(folder), overlaps, progress.print):
-                for run in measure(trial, chosen, judge, fidelity=False):
-                    runs.append(run)
-                    print_run(run, progress)
-        made = f"masks of {self.views} training views: {self._how()}, IoU {100 * np.mean(overlaps):.1f} with the true"
-        return Findings({"baselines": table_of(runs, self.variants, [made, judge.describe(), made_by()])}, runs)
-
-    def _how(self) -> str:
-        return f"SAM by true boxes ({self.sam_model.name})" if self.sam_model else str(self.masks or "the scene's own")
-
-    def _trials(self, scene: BenchmarkScene, overlaps: list[float], report: Callable[[str], None]) -> Iterator[Trial]:
+def lifted_trials(options: Namespace, overlaps: list[float]) -> Iterator[Trial]:
+    """What each method makes of the masks of each object; how good the masks are is added to `overlaps`."""
+    model = SamSegmenter(SamConfig(str(options.sam_model))) if options.sam_model else None
+    for scene in map(open_scene, options.scenes):
         listed = only_training(read_camera_set(scene.cameras_file))
-        cameras = evenly_spread(listed, self.views) or []
+        cameras = evenly_spread(listed, options.views) or []
         up = None if scene.up is None else tuple(scene.up.tolist())
-        model = SamSegmenter(SamConfig(str(self.sam_model))) if self.sam_model else None
-        for name in scene.objects:
-            if self.objects and name not in self.objects:
-                continue
+        for name in options.objects or scene.objects:
             masks = []
             for camera in cameras:
                 truth = scene.coverage(name, camera.name) > 0.5
@@ -182,16 +165,15 @@ class Baselines:
                 if model is not None and truth.any():
                     found = model.propose(render(scene.gaussians, camera).rgb, Prompt(bounding_box(truth)))
                     mask = found.logits[int(np.argmax(found.scores))] > 0
-                elif self.masks is not None:
-                    mask = read_mask(self.masks / name / camera.name) > 0.5
+                elif options.masks is not None:
+                    mask = read_mask(options.masks / name / camera.name) > 0.5
                 masks.append(np.asarray(mask))
                 overlaps.append(float((mask & truth).sum() / max((mask | truth).sum(), 1)))
-            report(f"{scene.name}/{name}: IoU of the masks {100 * np.mean(overlaps[-len(cameras) :]):.1f}")
+            print(f"{scene.name}/{name}: IoU of the masks {100 * np.mean(overlaps[-len(cameras) :]):.1f}")
             views = [view for view in scene.test_views(name) if not view.far]
-            for method in self.methods:
+            for method in options.methods:
                 gaussians, selection = METHODS[method](Lifting(scene.gaussians, cameras, masks))
-                before = cut_by(gaussians, selection)
-                yield Trial(scene.name, name, method, gaussians, selection, before, views, listed, up)
+                yield Trial(scene.name, name, method, gaussians, cut_by(gaussians, selection), views, listed, up)
 
 
 def table_of(runs: Sequence[Run], variants: Sequence[str], notes: Sequence[str]) -> ScoreTable:
@@ -227,4 +209,4 @@ def _inside(camera: Camera, mask: BoolArray, points: FloatArray | Float64Array) 
 
 
 if __name__ == "__main__":
-    tyro.cli(Baselines).run()
+    main()

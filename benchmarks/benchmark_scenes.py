@@ -30,7 +30,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.ground_truth import TestView, Truth
+from gaussian_trimmer.evaluation.ground_truth import TestView
 from gaussian_trimmer.formats import read
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
 
@@ -107,18 +107,18 @@ class BenchmarkScene:
         for camera, far in self.test_frames:
             image = _picture(self.scene_folder / "images" / camera.name, cv2.IMREAD_COLOR)[..., ::-1]
             visible = self.coverage(object_name, camera.name)
-            everywhere = np.ones(visible.shape, np.bool_)
-            yield TestView(camera, image, self._alone(object_name, camera), Truth(visible, everywhere), far)
+            yield TestView(camera, image, *self._alone(object_name, camera, visible), visible, far)
 
-    def _alone(self, object_name: str, camera: Camera) -> Truth:
+    def _alone(self, object_name: str, camera: Camera, visible: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Coverage by the object alone, and where it is known, (H, W) each."""
         path = self.folder / "alone" / object_name / camera.name
-        counted = np.ones((camera.height, camera.width), np.bool_)
+        counted = np.ones(visible.shape, np.bool_)
         if path.is_file():
-            return Truth(_picture(path, cv2.IMREAD_GRAYSCALE), counted)
+            return _picture(path, cv2.IMREAD_GRAYSCALE), counted
         for other in self.objects:
             if other != object_name:
                 counted &= self.coverage(other, camera.name) <= 0.5
-        return Truth(self.coverage(object_name, camera.name), counted)
+        return visible, counted
 
 
 def open_scene(folder: Path) -> BenchmarkScene:
@@ -143,6 +143,11 @@ def open_scene(folder: Path) -> BenchmarkScene:
 def find_scenes(root: Path) -> list[Path]:
     """Folders of scenes with rough selections, by name: `root` itself if it is one, and those directly in it."""
     return [folder for folder in (root, *sorted(root.glob("*"))) if _is_scene(folder)]
+
+
+def find_captures(root: Path) -> list[Path]:
+    """Folders of scenes with cameras of their own, by name: `root` itself if it is one, or those directly in it."""
+    return [root] if (root / "cameras.json").is_file() else sorted(path.parent for path in root.glob("*/cameras.json"))
 
 
 def _is_scene(folder: Path) -> bool:

@@ -23,19 +23,18 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated, Any
+from typing import Any
 
 import cv2
 import numpy as np
-import tyro
 from benchmark_scenes import BenchmarkScene, open_scene
 from numpy.typing import NDArray
+from quality import parser_of
 from refits import coloured, fit, floaters, photograph, psnr, shrunk, thinned
-from rooms import Room, make_room
-from tyro.conf import Positional, arg
+from rooms import ROOMS, Room, make_room
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
@@ -97,81 +96,73 @@ class FitOptions:
         return fit(learnt, full, self.fine_steps, rng) if self.fine_steps else learnt
 
 
-@dataclass(frozen=True)
-class Refit:
-    """A benchmark scene seen by fewer Gaussians."""
-
-    scene: Annotated[Positional[Path], arg(metavar="SCENE")]
-    """Folder of the scene."""
-    output: Annotated[Positional[Path], arg(metavar="OUTPUT")]
-    """Folder for the capture's own folder."""
-    count: int = 8000
-    """Number of Gaussians; some are lost on the way."""
-    name: str = ""
-    """Name of the capture; made of the scene's name and the count if it is not given."""
-    options: Annotated[FitOptions, arg(name="")] = FitOptions()
-
-    def run(self) -> None:
-        scene, start = open_scene(self.scene), perf_counter()
-        name = self.name or f"{scene.name}_{self.count / 1000:g}k{'_hazy' if self.options.haze else ''}"
-        cameras = scene.training_cameras
-        learnt = self.options.learn(scene.gaussians, cameras, self.count)
-        views = [*cameras, *(camera for camera, _ in scene.test_frames)]
-        masks = {thing: {v.name: _bytes(scene.coverage(thing, v.name)) for v in views} for thing in scene.objects}
-        near = [camera for camera, far in scene.test_frames if not far]
-        pictures = {c.name: _photo(scene.scene_folder / "images" / c.name) for c, _ in scene.test_frames}
-        listing = json.loads(scene.cameras_file.read_text())
-        _save(self.output / name, learnt, listing, pictures, masks, cameras)
-        print(_summary(self.output / name, learnt, near, pictures, perf_counter() - start))
+def refit(folder: Path, output: Path, count: int, name: str, options: FitOptions) -> None:
+    """Make a benchmark scene seen by fewer Gaussians."""
+    scene, start = open_scene(folder), perf_counter()
+    name = name or f"{scene.name}_{count / 1000:g}k{'_hazy' if options.haze else ''}"
+    cameras = scene.training_cameras
+    learnt = options.learn(scene.gaussians, cameras, count)
+    views = [*cameras, *(camera for camera, _ in scene.test_frames)]
+    masks = {thing: {v.name: _bytes(scene.coverage(thing, v.name)) for v in views} for thing in scene.objects}
+    near = [camera for camera, far in scene.test_frames if not far]
+    pictures = {c.name: _photo(scene.scene_folder / "images" / c.name) for c, _ in scene.test_frames}
+    listing = json.loads(scene.cameras_file.read_text())
+    _save(output / name, learnt, listing, pictures, masks, cameras)
+    print(_summary(output / name, learnt, near, pictures, perf_counter() - start))
 
 
-@dataclass(frozen=True)
-class Rooms:
-    """Rooms with things at their walls, seen from the front only."""
+def room(letter: str, count: int, folder: Path, options: FitOptions, coarseness: float, picture_scale: float) -> None:
+    """Make a room with things at its walls, seen from the front only."""
+    start, made = perf_counter(), make_room(letter, coarseness, picture_scale)
+    buried = inside(made, round(BURIED_SHARE * count), np.random.default_rng(options.seed))
+    learnt = options.learn(made.gaussians, made.training, count, buried, made.seen_from)
+    masks: dict[str, dict[str, ByteArray]] = {name: {} for name in made.names}
+    pictures = {}
+    for camera in (*made.training, *made.test):
+        drawing, shares = draw_with(made.seen_from(camera), camera, made.labels)
+        pictures[camera.name] = _bytes(drawing.image[:3].transpose(1, 2, 0))
+        for name, share in zip(made.names, shares, strict=True):
+            masks[name][camera.name] = _bytes(share)
+    frames = [_frame(camera, split) for split in ("train", "test")
+              for camera in (made.training if split == "train" else made.test)]  # fmt: skip
+    tests = {camera.name: pictures[camera.name] for camera in made.test}
+    _save(folder, learnt, {"up": [0.0, 0.0, 1.0], "frames": frames}, tests, masks, made.training)
+    for name in made.names:
+        rest = make_room(letter, coarseness, picture_scale, without=name)
+        (folder / "removed" / name).mkdir(parents=True)
+        for camera in made.test:
+            picture = _bytes(draw(rest.seen_from(camera), camera).image[:3].transpose(1, 2, 0))
+            cv2.imwrite(str(folder / "removed" / name / camera.name), picture[..., ::-1])
+    print(_summary(folder, learnt, made.test, tests, perf_counter() - start))
 
-    output: Annotated[Positional[Path], arg(metavar="OUTPUT")]
-    """Folder for the captures' folders."""
-    rooms: tuple[str, ...] = ("a", "b", "c")
-    """Which rooms; gravel and lawn are grounds with relief; things stand on a glossy table, or on a turntable."""
-    counts: tuple[int, ...] = (25_000, 25_000, 9_000)
-    """Number of Gaussians of each."""
-    suffix: str = ""
-    """What the folders' names end in, after `room_a`."""
-    coarseness: float = 1.0
-    """Size of the surfaces' Gaussians, relative to what the pictures need."""
-    picture_scale: float = 1.0
-    """Size of the pictures, relative to 504 x 378."""
-    options: Annotated[FitOptions, arg(name="")] = FitOptions()
 
-    def run(self) -> None:
-        if len(self.rooms) != len(self.counts):
-            raise InputError(f"There are {len(self.rooms)} rooms and {len(self.counts)} counts; give one for each.")
-        for letter, count in zip(self.rooms, self.counts, strict=True):
-            self._make(letter, count, self.output / f"room_{letter}{self.suffix}")
-
-    def _make(self, letter: str, count: int, folder: Path) -> None:
-        start, room = perf_counter(), make_room(letter, self.coarseness, self.picture_scale)
-        buried = inside(room, round(BURIED_SHARE * count), np.random.default_rng(self.options.seed))
-        learnt = self.options.learn(room.gaussians, room.training, count, buried, room.seen_from)
-        masks: dict[str, dict[str, ByteArray]] = {name: {} for name in room.names}
-        pictures = {}
-        for camera in (*room.training, *room.test):
-            drawing, shares = draw_with(room.seen_from(camera), camera, room.labels)
-            pictures[camera.name] = _bytes(drawing.image[:3].transpose(1, 2, 0))
-            for name, share in zip(room.names, shares, strict=True):
-                masks[name][camera.name] = _bytes(share)
-        frames = [_frame(camera, "train") for camera in room.training] + [
-            _frame(camera, "test") for camera in room.test
-        ]
-        tests = {camera.name: pictures[camera.name] for camera in room.test}
-        _save(folder, learnt, {"up": [0.0, 0.0, 1.0], "frames": frames}, tests, masks, room.training)
-        for name in room.names:
-            rest = make_room(letter, self.coarseness, self.picture_scale, without=name)
-            (folder / "removed" / name).mkdir(parents=True)
-            for camera in room.test:
-                picture = _bytes(draw(rest.seen_from(camera), camera).image[:3].transpose(1, 2, 0))
-                cv2.imwrite(str(folder / "removed" / name / camera.name), picture[..., ::-1])
-        print(_summary(folder, learnt, room.test, tests, perf_counter() - start))
+def main() -> None:
+    parser = parser_of(__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    of_scene, of_rooms = commands.add_parser("refit"), commands.add_parser("rooms")
+    of_scene.add_argument("scene", type=Path, help="folder of the scene")
+    of_scene.add_argument("--count", type=int, default=8000, help="number of Gaussians; some are lost on the way")
+    of_scene.add_argument("--name", default="", help="of the capture; without it, of scene and count")
+    of_rooms.add_argument("--rooms", nargs="+", choices=ROOMS, default=["a", "b", "c"])
+    of_rooms.add_argument("--counts", nargs="+", type=int, default=[25_000, 25_000, 9_000], help="Gaussians of each")
+    of_rooms.add_argument("--suffix", default="", help="what the folders' names end in, after room_a")
+    of_rooms.add_argument("--coarseness", type=float, default=1.0, help="size of the surfaces' Gaussians, relative to "
+                          "what the pictures need")  # fmt: skip
+    of_rooms.add_argument("--picture-scale", type=float, default=1.0, help="of the pictures, relative to 504 x 378")
+    for command in (of_scene, of_rooms):
+        command.add_argument("output", type=Path, help="folder for the captures' own folders")
+        for field in fields(FitOptions):
+            command.add_argument(f"--{field.name.replace('_', '-')}", type=type(field.default), default=field.default)
+    given = parser.parse_args()
+    options = FitOptions(**{field.name: getattr(given, field.name) for field in fields(FitOptions)})
+    if given.command == "refit":
+        refit(given.scene, given.output, given.count, given.name, options)
+        return
+    if len(given.rooms) != len(given.counts):
+        raise InputError(f"There are {len(given.rooms)} rooms and {len(given.counts)} counts; give one for each.")
+    for letter, count in zip(given.rooms, given.counts, strict=True):
+        folder = given.output / f"room_{letter}{given.suffix}"
+        room(letter, count, folder, options, given.coarseness, given.picture_scale)
 
 
 def inside(room: Room, n: int, rng: np.random.Generator) -> Gaussians:
@@ -308,11 +299,11 @@ def alone_iou(scene: BenchmarkScene, name: str) -> float:
     for view in scene.test_views(name):
         if not view.far:
             drawn = draw(alone, view.camera).image[3] > 0.5
-            true, counted = view.alone.coverage > 0.5, view.alone.counted
+            true, counted = view.coverage > 0.5, view.counted
             both += int((drawn & true & counted).sum())
             either += int(((drawn | true) & counted).sum())
     return 100 * both / max(either, 1)
 
 
 if __name__ == "__main__":
-    tyro.extras.subcommand_cli_from_dict({"refit": Refit, "rooms": Rooms}).run()
+    main()

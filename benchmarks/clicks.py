@@ -15,16 +15,17 @@ against the number of marks, beside that of the selection `exact`, trimmed too.
 from __future__ import annotations
 
 import json
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
-import tyro
-from benchmark_scenes import BenchmarkScene, open_scene
+from benchmark_scenes import BenchmarkScene, find_captures, open_scene
+from quality import parser_of
 
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, only_training
@@ -42,32 +43,10 @@ from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.trimming.up_vector import find_up
 from gaussian_trimmer.views.view import bounding_box
 
-Way = Literal["box", "click"]
-
 _GOOD_ENOUGH = 0.95
 """Share of the IoU of `exact` from which on no more marks are set."""
 _MARGIN = 2
 """Pixels between the mask's bounds and the box."""
-
-
-@dataclass(frozen=True)
-class Arguments:
-    """Measure selections by a box or a click against ground truth."""
-
-    root: tyro.conf.Positional[Path]
-    """Folder with benchmark scenes, or one scene."""
-    ways: tuple[Way, ...] = ("box", "click")
-    """How objects are selected."""
-    marks: int = 1
-    """Number of marks at most."""
-    objects: tuple[str, ...] = ()
-    """Only these objects."""
-    without_cameras: bool = False
-    """Give neither the selection nor the trim cameras or an up vector."""
-    sam_model: Path | None = None
-    """Let a model of the SAM family in this folder understand the marks."""
-    output: Path | None = None
-    """Write all rows to this JSON file."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +55,7 @@ class Row:
 
     scene: str
     object: str
-    way: Way
+    way: str
     view: str
     understood: str
     """The way in which the program took it, or why it refused."""
@@ -94,9 +73,17 @@ class Row:
 
 def main() -> None:
     """Select, trim and measure each object in each way."""
-    arguments = tyro.cli(Arguments)
+    parser = parser_of(__doc__)
+    parser.add_argument("root", type=Path, help="folder with benchmark scenes, or one scene")
+    parser.add_argument("--ways", nargs="+", choices=("box", "click"), default=["box", "click"])
+    parser.add_argument("--marks", type=int, default=1, help="number of marks at most")
+    parser.add_argument("--objects", nargs="+", help="only these objects")
+    parser.add_argument("--without-cameras", action="store_true", help="give neither cameras nor up vector")
+    parser.add_argument("--sam-model", type=Path, help="folder of a model that understands the marks")
+    parser.add_argument("--output", type=Path, help="write all rows to this JSON file")
+    arguments = parser.parse_args()
     rows = []
-    for folder in _folders(arguments.root):
+    for folder in find_captures(arguments.root):
         for row in _measure(open_scene(folder), arguments):
             rows.append(row)
             share = f"  ({row.trimmed_iou / row.exact_iou:.3f} of exact's {row.exact_iou:.1f})" if row.exact_iou else ""
@@ -129,11 +116,7 @@ def _summarise(rows: Sequence[Row], scene: str, way: str, marks: int) -> None:
         )
 
 
-def _folders(root: Path) -> list[Path]:
-    return [root] if (root / "cameras.json").is_file() else sorted(path.parent for path in root.glob("*/cameras.json"))
-
-
-def _measure(scene: BenchmarkScene, arguments: Arguments) -> Iterator[Row]:
+def _measure(scene: BenchmarkScene, arguments: Namespace) -> Iterator[Row]:
     cameras = None if arguments.without_cameras else only_training(read_camera_set(scene.folder / "cameras.json"))
     config = TrimConfig()
     if scene.up is not None and cameras is not None:
@@ -224,9 +207,7 @@ def _best_view(scene: BenchmarkScene, name: str) -> tuple[Camera, BoolArray]:
 def _iou(gaussians: Gaussians, views: Sequence[TestView]) -> float:
     """Mean foreground IoU over the views, percent, with the object rendered alone."""
     shown = [(render(gaussians, view.camera).alpha, view) for view in views]
-    return 100 * float(
-        np.mean([metrics.foreground_iou(alpha, view.alone.coverage, view.alone.counted) for alpha, view in shown])
-    )
+    return 100 * float(np.mean([metrics.foreground_iou(alpha, view.coverage, view.counted) for alpha, view in shown]))
 
 
 if __name__ == "__main__":

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import tyro
 from bodies import Part, Texture, checks, grain, plain
+from quality import parser_of
 from rooms import bookcase, cabinet, discs, lamp, picture, plant
 
 from gaussian_trimmer.finding.find import find_objects
@@ -40,18 +40,6 @@ class Flat:
     gaussians: Gaussians
     labels: IntArray
     names: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Arguments:
-    """Measure what is found in flats."""
-
-    output: tyro.conf.Positional[Path]
-    """Folder for plans."""
-    seeds: tuple[int, ...] = (1, 2, 3)
-    """Which flats."""
-    counts: tuple[int, ...] = (400_000, 120_000)
-    """About how many Gaussians each has."""
 
 
 Furniture = list[Part]
@@ -337,7 +325,11 @@ def _box_iou(first: Float64Array, second: Float64Array) -> float:
 
 def main() -> None:
     """Print a line for each flat, and what was missed and what is false."""
-    arguments = tyro.cli(Arguments, description=__doc__)
+    parser = parser_of(__doc__)
+    parser.add_argument("output", type=Path, help="folder for plans")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3], help="which flats")
+    parser.add_argument("--counts", nargs="+", type=int, default=[400_000, 120_000], help="about how many Gaussians")
+    arguments = parser.parse_args()
     arguments.output.mkdir(parents=True, exist_ok=True)
     for seed in arguments.seeds:
         for count in arguments.counts:

@@ -10,20 +10,18 @@ on which nothing that was chosen has looked. Captures that show the same objects
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from statistics import fmean
-from typing import Annotated, Any
+from typing import Any
 
-import tyro
 from benchmark_scenes import capture_of
-from quality import TrialOptions
-from tyro.conf import Positional, arg
+from quality import add_trial_options, parser_of, trials
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.runs import Run, Trial, Variant, measure
 from gaussian_trimmer.evaluation.scoring import RULES, Judge
+from gaussian_trimmer.evaluation.trials import Run, measure, way_of
 from gaussian_trimmer.trimming.config import TrimConfig
 
 Groups = Mapping[str, Mapping[str, float]]
@@ -31,60 +29,46 @@ Groups = Mapping[str, Mapping[str, float]]
 DEFAULT = "default"
 
 
-@dataclass(frozen=True)
-class Choice:
-    """A setting, and the values that it is chosen from."""
-
-    setting: str
-    """Its name as on the command line."""
-    values: tuple[float, ...]
-
-    @classmethod
-    def parse(cls, text: str) -> Choice:
-        """A choice from `name=value,value`; InputError if that is not what the text is."""
-        name, _, listed = text.partition("=")
-        try:
-            return cls(name, tuple(float(value) for value in listed.split(",")))
-        except ValueError as error:
-            raise InputError(f"'{text}' is no choice; write it as evidence.min-in-place=0.6,0.7,0.8.") from error
-
-    def variants(self) -> dict[str, Variant]:
-        """A way of running the trimmer for each value that is not the default, by name."""
-        made = {f"{self.setting}={value:g}": changed(TrimConfig(), self.setting, value) for value in self.values}
-        return {name: Variant(config) for name, config in made.items() if config != TrimConfig()}
+Choices = Mapping[str, Sequence[float]]
+"""Settings, named as on the command line -> the values that they are chosen from."""
 
 
-@dataclass(frozen=True)
-class HeldOut:
-    """Choose settings by leaving each group of captures out in turn."""
+def main(words: Sequence[str] | None = None) -> None:
+    parser = parser_of(__doc__)
+    parser.add_argument("roots", nargs="+", type=Path, help="folders with benchmark scenes")
+    parser.add_argument("--settings", nargs="+", required=True, help="what to choose, and values beside the default")
+    add_trial_options(parser)
+    options = vars(parser.parse_args(words))
+    roots, choices = options.pop("roots"), dict(map(choice_of, options.pop("settings")))
+    judge, found = Judge(), [trial for root in roots for trial in trials(root, **options)]
+    configs = {DEFAULT: TrimConfig()}
+    for setting, values in choices.items():
+        configs |= variants_of(setting, values)
+    ways = {name: way_of(config) for name, config in configs.items()}
+    runs = [run for trial in found for run in measure(trial, ways, judge, fidelity=False)]
+    groups = scores_by_group(runs)
+    for setting, values in choices.items():
+        print("\n".join(report(groups, [DEFAULT, *variants_of(setting, values)])), "\n")
+    again = {group: {"held out": way_of(chosen_config(groups, choices, group))} for group in groups}
+    runs = [run for run in runs if run.variant == DEFAULT]
+    for trial in found:
+        runs += measure(trial, again[capture_of(trial.scene)], judge, fidelity=False)
+    print("\n".join(comparison(runs)))
 
-    roots: Annotated[Positional[tuple[Path, ...]], arg(metavar="ROOT")]
-    """Folders with benchmark scenes."""
-    settings: tuple[str, ...]
-    """What to choose, named as on the command line, and the values beside the default."""
-    options: Annotated[TrialOptions, arg(name="")] = field(default_factory=TrialOptions)
 
-    def run(self) -> None:
-        choices = [Choice.parse(text) for text in self.settings]
-        if not choices:
-            raise InputError("There is nothing to choose: give --settings.")
-        judge = Judge()
-        variants = {DEFAULT: Variant()}
-        for choice in choices:
-            variants |= choice.variants()
-        runs = [run for trial in self._trials() for run in measure(trial, variants, judge, fidelity=False)]
-        groups = scores_by_group(runs)
-        for choice in choices:
-            print("\n".join(report(groups, [DEFAULT, *choice.variants()])), "\n")
-        again = {group: {"held out": Variant(chosen_config(groups, choices, group))} for group in groups}
-        runs = [run for run in runs if run.variant == DEFAULT]
-        for trial in self._trials():
-            runs += measure(trial, again[capture_of(trial.scene)], judge, fidelity=False)
-        print("\n".join(comparison(runs)))
+def choice_of(text: str) -> tuple[str, tuple[float, ...]]:
+    """A setting and its values from `name=value,value`; InputError if that is not what the text is."""
+    name, _, listed = text.partition("=")
+    try:
+        return name, tuple(float(value) for value in listed.split(","))
+    except ValueError as error:
+        raise InputError(f"'{text}' is no choice; write it as evidence.min-in-place=0.6,0.7,0.8.") from error
 
-    def _trials(self) -> Iterator[Trial]:
-        for root in self.roots:
-            yield from self.options.trials(root, print)
+
+def variants_of(setting: str, values: Sequence[float]) -> dict[str, TrimConfig]:
+    """The settings with each value that is not the default, by name."""
+    made = {f"{setting}={value:g}": changed(TrimConfig(), setting, value) for value in values}
+    return {name: config for name, config in made.items() if config != TrimConfig()}
 
 
 def changed(config: Any, setting: str, value: float) -> Any:
@@ -112,13 +96,13 @@ def chosen(groups: Groups, names: Sequence[str], left_out: str = "") -> str:
     return max(names, key=lambda name: fmean(scores[name] for scores in having_a_say))
 
 
-def chosen_config(groups: Groups, choices: Sequence[Choice], left_out: str) -> TrimConfig:
+def chosen_config(groups: Groups, choices: Choices, left_out: str) -> TrimConfig:
     """The configuration that all other groups choose, each setting by itself."""
     config = TrimConfig()
-    for choice in choices:
-        name = chosen(groups, [DEFAULT, *choice.variants()], left_out)
+    for setting, values in choices.items():
+        name = chosen(groups, [DEFAULT, *variants_of(setting, values)], left_out)
         if name != DEFAULT:
-            config = changed(config, choice.setting, float(name.partition("=")[2]))
+            config = changed(config, setting, float(name.partition("=")[2]))
     return config
 
 
@@ -160,4 +144,4 @@ def comparison(runs: Sequence[Run]) -> list[str]:
 
 
 if __name__ == "__main__":
-    tyro.cli(HeldOut).run()
+    main()

@@ -1,36 +1,43 @@
 """How good are the trims? Every scene x object x kind of rough selection, before and after, against ground truth.
 
-    python benchmarks/quality.py [ROOT] [--variants default paper sagd-split ...] [--without-cameras] [--output DIR]
+    python benchmarks/quality.py [ROOT] [--variants default no-vote paper ...] [--without-cameras] [--output DIR]
 
 ROOT holds benchmark scenes (see benchmark_scenes.py), or is one; without it, those that come with the repository are
-measured. Every table has both rules of occlusion: the object alone, and its share of the whole scene.
+measured. Every table has both rules of occlusion: the object alone, and its share of the whole scene. Where there are
+several variants, the last table has what each lacks of the first one.
+
+The trimmer gets the scene, the selection, the training cameras and, where the scene has one, the up vector. A selection
+with fewer than a tenth of the Gaussians that the kind `exact` has is left out.
 """
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Any
 
 import numpy as np
-import tyro
 from benchmark_scenes import BenchmarkScene, find_scenes, open_scene
-from tyro.conf import Positional, arg
 from variants import chosen_variants
 
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import only_training, up_frame
-from gaussian_trimmer.commands.console import open_console
-from gaussian_trimmer.commands.evaluate import RuleOptions
-from gaussian_trimmer.commands.tables import Findings, TableOptions, print_run
+from gaussian_trimmer.commands.evaluate import Findings, publish
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.provenance import made_by
-from gaussian_trimmer.evaluation.results import cut_by
-from gaussian_trimmer.evaluation.runs import LOSS, Run, Trial, measure
-from gaussian_trimmer.evaluation.scoring import RULES, mean_scores
-from gaussian_trimmer.evaluation.statistics import table_of_statistics
-from gaussian_trimmer.evaluation.tables import Cell, ScoreTable, heading, known_metrics, score_cells
+from gaussian_trimmer.evaluation.scoring import METRICS, RULES, Judge, cut_by, mean_scores
+from gaussian_trimmer.evaluation.tables import (
+    MADE_BY,
+    Cell,
+    ScoreTable,
+    heading,
+    interval_of,
+    known_metrics,
+    score_cells,
+    table_of_statistics,
+    unit_scores,
+)
+from gaussian_trimmer.evaluation.trials import LOSS, Run, Trial, measure
 from gaussian_trimmer.gaussians import BoolArray
 
 DATA = Path(__file__).parent / "data"
@@ -40,84 +47,79 @@ BOX_MARGIN = 0.1
 """Width that the kind `box` adds around an object, in radii."""
 
 
-@dataclass(frozen=True)
-class TrialOptions:
-    """Which trims are measured."""
-
-    objects: tuple[str, ...] = ()
-    """Only these objects."""
-    kinds: tuple[str, ...] = ()
-    """Only these kinds of rough selection; `box` is a box around the object, wider by a tenth of its radius."""
-    without_cameras: bool = False
-    """Give the trimmer neither cameras nor up vector."""
-    all_views: bool = False
-    """Count far test views as well."""
-
-    def trials(self, root: Path, report: Callable[[str], None] = lambda text: None) -> Iterator[Trial]:
-        """Yield the trials of all scenes at or in a folder; `report` is told which selections are left out."""
-        for folder in find_scenes(root):
-            scene = open_scene(folder)
-            for name in scene.objects:
-                if not self.objects or name in self.objects:
-                    yield from self._trials_of(scene, name, report)
-
-    def _trials_of(self, scene: BenchmarkScene, name: str, report: Callable[[str], None]) -> Iterator[Trial]:
-        cameras = None if self.without_cameras else only_training(read_camera_set(scene.cameras_file))
-        up = None if scene.up is None or self.without_cameras else tuple(scene.up.tolist())
-        views = [view for view in scene.test_views(name) if self.all_views or not view.far]
-        for kind in self.kinds or scene.coarse_kinds(name):
-            selection = box_around(scene, name) if kind == "box" else scene.coarse(name, kind)
-            if too_small(scene, name, kind, selection):
-                report(f"left out: {scene.name}/{name} {kind}, {selection.sum()} Gaussians")
+def trials(
+    root: Path,
+    objects: Sequence[str] = (),
+    kinds: Sequence[str] = (),
+    without_cameras: bool = False,
+    all_views: bool = False,
+    report: Callable[[str], None] = print,
+) -> Iterator[Trial]:
+    """Yield the trials of all scenes at or in a folder; `report` is told which selections are left out."""
+    for folder in find_scenes(root):
+        scene = open_scene(folder)
+        cameras = None if without_cameras else only_training(read_camera_set(scene.cameras_file))
+        up = None if scene.up is None or without_cameras else tuple(scene.up.tolist())
+        for name in scene.objects:
+            if objects and name not in objects:
                 continue
-            before = cut_by(scene.gaussians, selection)
-            yield Trial(scene.name, name, kind, scene.gaussians, selection, before, views, cameras, up)
+            views = [view for view in scene.test_views(name) if all_views or not view.far]
+            for kind in kinds or scene.coarse_kinds(name):
+                selection = box_around(scene, name) if kind == "box" else scene.coarse(name, kind)
+                if too_small(scene, name, kind, selection):
+                    report(f"left out: {scene.name}/{name} {kind}, {selection.sum()} Gaussians")
+                    continue
+                before = cut_by(scene.gaussians, selection)
+                yield Trial(scene.name, name, kind, scene.gaussians, before, views, cameras, up)
 
 
-@dataclass(frozen=True)
-class Quality:
-    """Trim every rough selection of benchmark scenes, and compare with ground truth before and after.
+def parser_of(text: str) -> argparse.ArgumentParser:
+    """A parser that describes itself by the documentation of a script."""
+    return argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
 
-    The trimmer gets the scene, the selection, the training cameras and, where the scene has one, the up vector. A
-    selection with fewer than a tenth of the Gaussians that the kind `exact` has is left out.
-    """
 
-    root: Annotated[Positional[Path], arg(metavar="ROOT")] = DATA
-    """Folder with benchmark scenes, or one scene."""
-    variants: tuple[str, ...] = ("default",)
-    """Ways of running the trimmer, side by side; see variants.py."""
-    sam_model: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder with a model of the SAM family, for variants with `sam` in their names."""
-    fidelity: bool = True
-    """Also compare object and background together with the untouched scene."""
-    options: Annotated[TrialOptions, arg(name="")] = field(default_factory=TrialOptions)
-    rules: Annotated[RuleOptions, arg(name="")] = field(default_factory=RuleOptions)
-    tables: Annotated[TableOptions, arg(name="")] = field(default_factory=TableOptions)
+def add_trial_options(parser: argparse.ArgumentParser) -> None:
+    """Options that `trials` has."""
+    parser.add_argument("--objects", nargs="+", default=(), help="only these objects")
+    parser.add_argument("--kinds", nargs="+", default=(), help="only these kinds of rough selection; box is a box "
+                        "around the object, wider by a tenth of its radius")  # fmt: skip
+    parser.add_argument("--without-cameras", action="store_true", help="give neither cameras nor up vector")
+    parser.add_argument("--all-views", action="store_true", help="count far test views as well")
 
-    def run(self) -> None:
-        self.tables.publish(self._measure, open_console(quiet=False))
 
-    def _measure(self) -> Findings:
-        progress = open_console(quiet=self.tables.format != "table")
-        chosen, judge = chosen_variants(self.variants, self.sam_model), self.rules.judge()
-        runs: list[Run] = []
-        for trial in self.options.trials(self.root, progress.print):
-            for run in measure(trial, chosen, judge, fidelity=self.fidelity):
-                runs.append(run)
-                print_run(run, progress)
-        if not runs:
-            raise InputError(f"Nothing to measure in '{self.root}': no scene there has such objects and selections.")
-        tables = {}
-        for variant in chosen:
-            of_variant = [run for run in runs if run.variant == variant]
-            for name in ("kind", "scene"):
-                groups = grouped(of_variant, name)
-                tables[f"{variant}-{name}s"] = table_of(f"{variant}, by {name}", groups, [judge.describe()])
-        by_variant = {name: [run for run in runs if run.variant == name] for name in chosen}
-        metrics = [metric + ending for ending in RULES.values() for metric in ("iou", "accuracy", "boundary_iou")]
-        title, notes = "how sure the means over objects are", [judge.describe(), made_by()]
-        tables["statistics"] = table_of_statistics(title, by_variant, metrics, notes)
-        return Findings(tables, runs)
+def main(words: Sequence[str] | None = None) -> None:
+    parser = parser_of(__doc__)
+    parser.add_argument("root", nargs="?", type=Path, default=DATA, help="folder with benchmark scenes, or one scene")
+    parser.add_argument("--variants", nargs="+", default=["default"], help="side by side; see variants.py")
+    parser.add_argument("--sam-model", type=Path, help="folder of a model, for variants with sam in their names")
+    parser.add_argument("--output", type=Path, help="folder to write all tables to, in every format")
+    add_trial_options(parser)
+    options = parser.parse_args(words)
+    publish(lambda: quality(**vars(options)), output=options.output)
+
+
+def quality(
+    root: Path, variants: Sequence[str], sam_model: Path | None, output: Path | None, **chosen: Any
+) -> Findings:
+    """Trim every rough selection in every way."""
+    ways, judge = chosen_variants(variants, sam_model), Judge()
+    runs: list[Run] = []
+    for trial in trials(root, **chosen):
+        for run in measure(trial, ways, judge):
+            runs.append(run)
+            print(run, flush=True)
+    if not runs:
+        raise InputError(f"Nothing to measure in '{root}': no scene there has such objects and selections.")
+    by_variant = {name: [run for run in runs if run.variant == name] for name in ways}
+    tables, notes = {}, [judge.describe(), MADE_BY]
+    for variant, own in by_variant.items():
+        for name in ("kind", "scene"):
+            tables[f"{variant}-{name}s"] = table_of(f"{variant}, by {name}", grouped(own, name), notes)
+    metrics = [metric + ending for ending in RULES.values() for metric in ("iou", "accuracy", "boundary_iou")]
+    tables["statistics"] = table_of_statistics("how sure the means over objects are", by_variant, metrics, notes)
+    if len(by_variant) > 1:
+        tables["worth"] = worth_table(by_variant, notes)
+    return tables, runs, {}
 
 
 def grouped(runs: Sequence[Run], attribute: str) -> dict[str, Sequence[Run]]:
@@ -140,9 +142,22 @@ def table_of(title: str, groups: Mapping[str, Sequence[Run]], notes: Sequence[st
         rows.append([*row, sum(bool(run.refused) for run in runs), float(np.median([run.seconds for run in runs]))])
     by_rule = [f"{what} {rule}" for rule in RULES for what in ("losses", "worst IoU change")]
     columns = ["", "trims", *map(heading, metrics), *by_rule, "refused", "s"]
-    return ScoreTable(
-        title, columns, rows, [*notes, f"a loss is more than {LOSS:g} points of IoU; s: median of a trim"]
-    )
+    loss = f"a loss is more than {LOSS:g} points of IoU; s: median of a trim"
+    return ScoreTable(title, columns, rows, [*notes, loss])
+
+
+def worth_table(variants: Mapping[str, Sequence[Run]], notes: Sequence[str]) -> ScoreTable:
+    """A row for each variant but the first: scores of the first less its own, means over objects with intervals."""
+    (full, first), *others = variants.items()
+    best, metrics = unit_scores(first, "objects"), known_metrics(*(run.after for run in first))
+    rows: list[list[Cell]] = []
+    for name, runs in others:
+        pairs = [(best[unit][1], after) for unit, (_, after) in unit_scores(runs, "objects").items()]
+        worth = [interval_of([whole[metric] - part[metric] for whole, part in pairs]) for metric in metrics]
+        rows.append([name, len(pairs), *worth])
+    about = f"scores after trimming, of '{full}' less those of the row; means over objects, 95 % intervals"
+    columns = ["", "objects", *(METRICS[name] for name in metrics)]
+    return ScoreTable(f"what '{full}' is worth", columns, rows, [about, *notes])
 
 
 def too_small(scene: BenchmarkScene, name: str, kind: str, selection: BoolArray) -> bool:
@@ -162,4 +177,4 @@ def box_around(scene: BenchmarkScene, name: str) -> BoolArray:
 
 
 if __name__ == "__main__":
-    tyro.cli(Quality).run()
+    main()

@@ -17,13 +17,13 @@ import subprocess
 import sys
 import threading
 import time
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-import tyro
+from quality import parser_of
 from rich.console import Console
 from rich.table import Table
 
@@ -38,32 +38,22 @@ _SAMPLE_PAUSE = 0.1
 Record = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class Arguments:
-    """Measure what batches cost."""
-
-    data: tuple[Path, ...] = (DATA / "tabletop",)
-    """Benchmark scenes: folders with scene.ply and coarse/OBJECT/KIND.npy."""
-    kind: str = "dilated"
-    """Which kinds of selection are trimmed."""
-    objects: int = 200
-    """Number of items."""
-    engines: tuple[Literal["local", "ray"], ...] = ("local",)
-    workers: tuple[int, ...] = (1, 2)
-    output: Path = Path("out/scale")
-    background: bool = True
-    """Write the background of each item, too."""
-    loop: bool = True
-    """Measure the loop in Python too, which writes backgrounds."""
-    repeat: int = 1
-    """Measure everything so many times; the best counts."""
-
-
-def main(arguments: Arguments) -> None:
+def main() -> None:
+    parser = parser_of(__doc__)
+    parser.add_argument("--data", nargs="+", type=Path, default=[DATA / "tabletop"], help="benchmark scenes")
+    parser.add_argument("--kind", default="dilated", help="which kind of selection is trimmed")
+    parser.add_argument("--objects", type=int, default=200, help="number of items")
+    parser.add_argument("--engines", nargs="+", choices=("local", "ray"), default=["local"])
+    parser.add_argument("--workers", nargs="+", type=int, default=[1, 2])
+    parser.add_argument("--output", type=Path, default=Path("out/scale"))
+    parser.add_argument("--no-background", action="store_true", help="leave out the background of each item")
+    parser.add_argument("--no-loop", action="store_true", help="leave out the loop in Python, which writes backgrounds")
+    parser.add_argument("--repeat", type=int, default=1, help="measure everything so many times; the best counts")
+    arguments = parser.parse_args()
     console = Console()
     arguments.output.mkdir(parents=True, exist_ok=True)
     manifest = make_manifest(arguments.data, arguments.kind, arguments.objects, arguments.output / "scenes")
-    runs: list[tuple[str, int]] = [("loop", 1)] if arguments.loop else []
+    runs: list[tuple[str, int]] = [("loop", 1)] if not arguments.no_loop else []
     runs += [(engine, workers) for engine in arguments.engines for workers in arguments.workers]
     results = []
     for engine, workers in runs:
@@ -105,7 +95,7 @@ def make_manifest(roots: Sequence[Path], kind: str, n: int, folder: Path) -> Pat
     return manifest
 
 
-def measure(engine: str, workers: int, manifest: Path, arguments: Arguments) -> Record:
+def measure(engine: str, workers: int, manifest: Path, arguments: Namespace) -> Record:
     """Run a batch, or the loop; seconds, items a minute, and the peak of all its processes' memory together."""
     output = arguments.output / f"{engine}-{workers}"
     shutil.rmtree(output, ignore_errors=True)
@@ -114,7 +104,7 @@ def measure(engine: str, workers: int, manifest: Path, arguments: Arguments) -> 
     else:
         command = [sys.executable, "-m", "gaussian_trimmer", "batch", str(manifest), "--output", str(output), "--quiet"]
         command += ["--engine", engine, "--workers", str(workers)]
-        command += [] if arguments.background else ["--no-background"]
+        command += ["--no-background"] if arguments.no_background else []
     start = time.perf_counter()
     process = subprocess.Popen(command)
     peak = _Peak(process.pid)
@@ -192,4 +182,4 @@ if __name__ == "__main__":
         os.environ.setdefault("OMP_WAIT_POLICY", "passive")
         loop_over(Path(sys.argv[2]), Path(sys.argv[3]))
     else:
-        main(tyro.cli(Arguments))
+        main()

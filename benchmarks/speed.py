@@ -1,8 +1,8 @@
 """What do people wait for, and where does a trim spend its time?
 
     python benchmarks/speed.py [--against COMMIT] [--data ROOT --objects NAME ...] [--runs 5] [--first-run]
-    python benchmarks/speed.py --sections stages kernel threads [--scene SCENE.ply --selection FILE]
-    python benchmarks/speed.py --sections captures --capture FILE --at X Y Z --reach R --up X Y Z [--against COMMIT]
+    python benchmarks/speed.py --section captures --capture FILE --at X Y Z --reach R --up X Y Z [--against COMMIT]
+    python benchmarks/speed.py --section stages [--scene SCENE.ply --selection FILE] [--sizes 80000 1000000]
 
 Whatever is measured runs in a process of its own, one after another, so that nothing is inherited: neither compiled
 code, nor caches, nor memory. The method is described in docs/speed.md.
@@ -10,211 +10,123 @@ code, nor caches, nor memory. The method is described in docs/speed.md.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import platform
-import tempfile
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+import resource
+import sys
+import time
+from argparse import Namespace
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from importlib import metadata
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-import tyro
 import waits
 import whole_captures
-from measures import Case, Record, cuda_device, in_new_process, measure_kernel, measure_trim, run_command
+from quality import parser_of
 from rich.console import Console
 from rich.table import Table
 from synthetic_scenes import tiled
-from tyro.conf import arg
 
 from gaussian_trimmer import formats, sample
-from gaussian_trimmer.masks import DEFAULT_SEGMENTER, SEGMENTERS
 from gaussian_trimmer.selection_files import load_selection
 from gaussian_trimmer.trimming.config import TrimConfig
+from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views.virtual_cameras import PlanConfig
 
-Section = Literal["waits", "captures", "stages", "kernel", "threads", "sizes"]
-
-
-@dataclass(frozen=True)
-class Arguments:
-    """Measure speed and memory."""
-
-    sections: tuple[Section, ...] = ("waits",)
-    """What to measure."""
-    runs: int = 5
-    """Runs, or pairs of runs, of which the median is taken."""
-    data: Path = Path(__file__).parent / "data" / "tabletop"
-    """`waits`: folder of a benchmark scene."""
-    objects: tuple[str, ...] = ("mug", "robot")
-    """`waits`: a small and a large object of it."""
-    against: str = ""
-    """`waits`, `captures`: a commit with which this version is compared in pairs."""
-    first_run: bool = False
-    """`waits`: also measure the first run after an installation, in which kernels are compiled."""
-    capture: Path = sample.SCENE
-    """`captures`: splat file of a whole capture."""
-    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """`captures`: middle of a thing in it."""
-    reach: float = 0.5
-    """`captures`: half the size of the thing, in scene units."""
-    copies: tuple[int, ...] = whole_captures.SIZES
-    """`captures`: numbers of Gaussians of copies of the capture side by side."""
-    scene: Path = sample.SCENE
-    """Other sections: splat file of the scene."""
-    selection: Path = sample.SELECTION
-    """Other sections: rough selection of one object in it."""
-    up: tuple[float, float, float] | None = None
-    """`captures`, other sections: up vector of the scene; not given: z in `captures`, found, which takes time too, in
-    the others."""
-    sizes: tuple[int, ...] = (80_000, 1_000_000, 3_000_000)
-    """`sizes`: numbers of Gaussians of enlarged scenes."""
-    pixels: tuple[int, ...] = (PlanConfig.size,)
-    """Other sections: widths of the views."""
-    segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
-    """Other sections: what segments the views."""
-    sam2_model: str = ""
-    """With `sam2`: a model on the hub or a local folder."""
-    output: Path = Path("out/speed")
-    """Folder for speed.json."""
+Record = dict[str, Any]
 
 
 def main() -> None:
-    arguments = tyro.cli(Arguments)
-    console = Console()
-    results: Record = {"machine": _machine()}
-    for section in dict.fromkeys(arguments.sections):
-        results[section] = SECTIONS[section](arguments)
-        console.print(_table(section, results[section]))
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    (arguments.output / "speed.json").write_text(json.dumps(results, indent=1) + "\n")
-
-
-# Sections: each gives records of what was varied and what was measured.
-
-
-def waits_section(arguments: Arguments) -> list[Record]:
-    left_out = () if arguments.first_run else ("first run",)
-    chosen = arguments.data, arguments.objects, arguments.runs, arguments.against, left_out
-    return _told_one_by_one(waits.measure(*chosen))
-
-
-def captures_section(arguments: Arguments) -> list[Record]:
-    up = arguments.up or (0.0, 0.0, 1.0)
-    thing = arguments.capture, arguments.at, arguments.reach, up
-    return _told_one_by_one(whole_captures.measure(*thing, arguments.copies, arguments.runs, arguments.against))
-
-
-def stages_section(arguments: Arguments) -> list[Record]:
-    return [in_new_process(measure_trim, case) for case in _cases(arguments)]
-
-
-def kernel_section(arguments: Arguments) -> list[Record]:
-    return [in_new_process(measure_kernel, arguments.runs)]
-
-
-def threads_section(arguments: Arguments) -> list[Record]:
-    records = []
-    for n in (1, 2, 8):
-        environment = {"NUMBA_NUM_THREADS": str(n)}
-        kernel = in_new_process(measure_kernel, arguments.runs, environment=environment)
-        trimmed = in_new_process(measure_trim, _cases(arguments)[0], environment=environment)
-        records.append({"threads": n, **kernel, **trimmed})
-    return records
-
-
-def sizes_section(arguments: Arguments) -> list[Record]:
-    records = []
-    with tempfile.TemporaryDirectory(prefix="speed-") as name:
-        for n in arguments.sizes:
-            folder = Path(name)
-            case = replace(_cases(arguments)[0], scene=folder / f"{n}.ply", selection=folder / f"{n}.npy")
-            in_new_process(_enlarge, arguments.scene, arguments.selection, case, n)
-            command = run_command(case, folder)
-            record = in_new_process(measure_trim, case)
-            records.append({**record, "command": command["command"], "peak_bytes": command["peak_bytes"]})
-            case.scene.unlink()
-    return records
-
-
-SECTIONS: dict[str, Callable[[Arguments], list[Record]]] = {
-    "waits": waits_section,
-    "captures": captures_section,
-    "stages": stages_section,
-    "kernel": kernel_section,
-    "threads": threads_section,
-    "sizes": sizes_section,
-}
-
-
-def _cases(arguments: Arguments) -> list[Case]:
-    """The trim to measure, with views of each width."""
-    return [
-        Case(
-            arguments.scene.absolute(),
-            arguments.selection.absolute(),
-            TrimConfig(up=arguments.up, plan=PlanConfig(size=pixels)),
-            arguments.segmenter,
-            arguments.sam2_model,
-            arguments.runs,
-        )
-        for pixels in arguments.pixels
-    ]
-
-
-def _enlarge(scene_path: Path, selection_path: Path, case: Case, n: int) -> None:
-    scene = formats.read(scene_path)
-    made, selected = tiled(scene, load_selection(selection_path, scene), n)
-    formats.write(made, case.scene)
-    np.save(case.selection, selected)
-
-
-# Reports.
-
-
-def _told_one_by_one(measured: Iterable[Record]) -> list[Record]:
-    """The records, each printed as soon as it is there."""
-    records = []
-    for record in measured:
+    parser = parser_of(__doc__)
+    parser.add_argument("--section", choices=("waits", "captures", "stages"), default="waits", help="what to measure")
+    parser.add_argument("--runs", type=int, default=5, help="runs, or pairs of runs, of which the median is taken")
+    parser.add_argument("--against", default="", help="waits, captures: a commit to compare with, in pairs")
+    parser.add_argument("--data", type=Path, default=Path(__file__).parent / "data" / "tabletop",
+                        help="waits: folder of a benchmark scene")  # fmt: skip
+    parser.add_argument("--objects", nargs="+", default=["mug", "robot"], help="waits: a small and a large one")
+    parser.add_argument("--first-run", action="store_true", help="waits: also the first run after an installation")
+    parser.add_argument("--capture", type=Path, default=sample.SCENE, help="captures: splat file of a whole capture")
+    parser.add_argument("--at", nargs=3, type=float, default=(0.0, 0.0, 0.0), help="captures: middle of a thing in it")
+    parser.add_argument("--reach", type=float, default=0.5, help="captures: half the thing's size, in scene units")
+    parser.add_argument("--copies", nargs="+", type=int, default=whole_captures.SIZES,
+                        help="captures: numbers of Gaussians of copies of the capture side by side")  # fmt: skip
+    parser.add_argument("--scene", type=Path, default=sample.SCENE, help="stages: splat file of the scene")
+    parser.add_argument("--selection", type=Path, default=sample.SELECTION, help="stages: a selection in it")
+    parser.add_argument("--sizes", nargs="+", type=int, default=[0], help="stages: numbers of Gaussians of enlarged "
+                        "scenes; 0 is the scene as it is")  # fmt: skip
+    parser.add_argument("--pixels", type=int, default=PlanConfig.size, help="stages: width of the views")
+    parser.add_argument("--up", nargs=3, type=float, help="captures (z without it), stages: up vector of the scene")
+    parser.add_argument("--output", type=Path, default=Path("out/speed"), help="folder for speed.json")
+    options = parser.parse_args()
+    records = list[Record]()
+    for record in SECTIONS[options.section](options):
         print(", ".join(f"{name} {_cell(name, value)}" for name, value in record.items()), flush=True)
         records.append(record)
-    return records
+    options.output.mkdir(parents=True, exist_ok=True)
+    results = {"machine": _machine(), options.section: records}
+    (options.output / "speed.json").write_text(json.dumps(results, indent=1) + "\n")
+    table = Table(*records[0], title=options.section)
+    for record in records:
+        table.add_row(*(_cell(name, record.get(name, "")) for name in records[0]))
+    Console().print(table)
 
 
-def _machine() -> Record:
-    installed = {name: _version(name) for name in ("numpy", "numba", "torch", "transformers")}
+def waits_section(options: Namespace) -> Iterator[Record]:
+    left_out = () if options.first_run else ("first run",)
+    return waits.measure(options.data, options.objects, options.runs, options.against, left_out)
+
+
+def captures_section(options: Namespace) -> Iterator[Record]:
+    up = tuple(options.up or (0.0, 0.0, 1.0))
+    thing = options.capture, tuple(options.at), options.reach, up
+    return whole_captures.measure(*thing, tuple(options.copies), options.runs, options.against)
+
+
+def stages_section(options: Namespace) -> Iterator[Record]:
+    up = tuple(options.up) if options.up else None
+    for size in options.sizes:
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+            config = TrimConfig(up=up, plan=PlanConfig(size=options.pixels))
+            case = options.scene.absolute(), options.selection.absolute(), size, config, options.runs
+            yield pool.submit(stages_of_a_trim, *case).result()
+
+
+def stages_of_a_trim(scene_path: Path, selection_path: Path, size: int, config: TrimConfig, runs: int) -> Record:
+    """Seconds by stage, medians of runs after a first one that is not counted."""
+    scene = formats.read(scene_path)
+    selection = load_selection(selection_path, scene)
+    if size:
+        scene, selection = tiled(scene, selection, size)
+    stages, result = list[dict[str, float]](), trim(scene, selection, config=config)
+    for _ in range(runs):
+        start = time.perf_counter()
+        result = trim(scene, selection, config=config)
+        stages.append({**result.seconds, "trim": time.perf_counter() - start})
+    seconds = {name: float(np.median([stage[name] for stage in stages])) for name in stages[0]}
+    unit = 1 if sys.platform == "darwin" else 1024  # Linux counts in kilobytes, macOS in bytes
+    peak = unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    digest = hashlib.sha256(result.object.means.tobytes() + result.background.means.tobytes()).hexdigest()
     return {
-        "platform": platform.platform(),
-        "cores": os.cpu_count(),
-        "python": platform.python_version(),
-        **installed,
-        **in_new_process(cuda_device),
+        "gaussians": len(scene),
+        "selected": int(selection.sum()),
+        **seconds,
+        "peak_bytes": peak,
+        "digest": digest[:8],
     }
 
 
-def _version(package: str) -> str:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "not installed"
+SECTIONS = {"waits": waits_section, "captures": captures_section, "stages": stages_section}
 
 
-def _table(section: str, records: Sequence[Record]) -> Table:
-    """A row for each wait; in other sections a column for each record, and a row for each figure."""
-    if section in ("waits", "captures"):
-        table = Table(*records[0], title="seconds, and the median ratio of pairs")
-        for record in records:
-            table.add_row(*(_cell(name, record.get(name, "")) for name in records[0]))
-    else:
-        table = Table(title=section, show_header=False)
-        for name in dict.fromkeys(name for record in records for name in record):
-            table.add_row(name.replace("_", " "), *(_cell(name, record.get(name, "")) for record in records))
-    for column in table.columns[1:]:
-        column.justify = "right"
-    return table
+def _machine() -> Record:
+    installed = {name: metadata.version(name) for name in ("numpy", "numba")}
+    return {"platform": platform.platform(), "cores": os.cpu_count(), "python": platform.python_version(), **installed}
 
 
 def _cell(name: str, value: Any) -> str:

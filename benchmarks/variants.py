@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.runs import Variant
-from gaussian_trimmer.masks import PAPER_SEGMENTER
+from gaussian_trimmer.evaluation.trials import Way, way_of
+from gaussian_trimmer.masks import DEFAULT_SEGMENTER, PAPER_SEGMENTER, Segmenter
 from gaussian_trimmer.masks.sam import SamConfig, SamSegmenter, paper_sam
 from gaussian_trimmer.trimming.config import SplitConfig, TrimConfig, paper_config
 
@@ -19,15 +21,19 @@ REAL_VIEWS = 5
 """Training cameras that stand in for virtual ones where these are ablated."""
 
 
-def variants() -> dict[str, Variant]:
-    """All variants that need no trained model, by name; `default` comes first."""
-    paper = Variant(paper_config(), PAPER_SEGMENTER)
-    named = {"default": Variant(), "grabcut": Variant(segmenter="grabcut"), "paper-literal": _literal(paper)}
-    named |= {name: Variant(config) for name, config in _stages(TrimConfig()).items()}
-    return named | _ablated("", Variant()) | _ablated("paper", paper)
+def variants(sam_model: Path | None = None) -> dict[str, Way]:
+    """All variants by name, `default` first; those with `sam` in their names need the model's folder."""
+    named = _ablated("", TrimConfig(), DEFAULT_SEGMENTER) | _ablated("paper", paper_config(), PAPER_SEGMENTER)
+    named = {"default": way_of(), **{name: way_of(config) for name, config in stages(TrimConfig()).items()}, **named}
+    if sam_model is not None:
+        ours = SamConfig(model=str(sam_model))
+        named["sam-alone"] = way_of(segmenter=SamSegmenter(replace(ours, fusion=False)))
+        named |= _ablated("sam", TrimConfig(), SamSegmenter(ours))
+        named |= _ablated("paper-sam", paper_config(), SamSegmenter(paper_sam(ours)))
+    return named
 
 
-def _stages(base: TrimConfig) -> dict[str, TrimConfig]:
+def stages(base: TrimConfig) -> dict[str, TrimConfig]:
     """The configuration without each stage of the default, or without what a stage goes by."""
     labels, evidence = base.label_crf, base.evidence
     plane = replace(labels.support_plane, enabled=False)
@@ -47,46 +53,30 @@ def _stages(base: TrimConfig) -> dict[str, TrimConfig]:
     }
 
 
-def sam_variants(model: Path) -> dict[str, Variant]:
-    """Variants whose views a trained model segments; the folder is that of `--sam.model`."""
-    ours = SamConfig(model=str(model))
-    paper = Variant(paper_config(), SamSegmenter(paper_sam(ours)))
+def _ablated(prefix: str, base: TrimConfig, segmenter: str | Segmenter) -> dict[str, Way]:
+    """A way of trimming, and what it becomes without one of its parts or with another one, by name."""
+
+    def changed(training_views: int = 0, **settings: Any) -> Way:
+        return way_of(replace(base, **settings), segmenter, training_views)
+
     named = {
-        "sam-alone": Variant(segmenter=SamSegmenter(replace(ours, fusion=False))),
-        "paper-sam-each-view": replace(paper, segmenter=SamSegmenter(replace(paper_sam(ours), prompt="box"))),
-        "paper-sam-literal": _literal(paper),
-    }
-    return named | _ablated("sam", Variant(segmenter=SamSegmenter(ours))) | _ablated("paper-sam", paper)
-
-
-def _literal(base: Variant) -> Variant:
-    """The same from the distance of eq. 3 as it is printed."""
-    return replace(base, config=replace(base.config, plan=replace(base.config.plan, framing="literal")))
-
-
-def _ablated(prefix: str, base: Variant) -> dict[str, Variant]:
-    """A variant, and what it becomes without one of its parts or with another one, by name."""
-
-    def changed(**settings: object) -> Variant:
-        return replace(base, config=replace(base.config, **settings))  # type: ignore[arg-type]
-
-    bare = changed(context_radius=0.0)
-    named = {
-        "no-virtual-cameras": replace(base, training_views=REAL_VIEWS),
-        "no-background": bare,
-        "neither": replace(bare, training_views=REAL_VIEWS),
+        "": changed(),
+        "literal": changed(plan=replace(base.plan, framing="literal")),
+        "no-virtual-cameras": changed(REAL_VIEWS),
+        "no-background": changed(context_radius=0.0),
+        "neither": changed(REAL_VIEWS, context_radius=0.0),
         "principal-axis-split": changed(split=SplitConfig("principal_axis")),
         "sagd-split": changed(split=SplitConfig("sagd")),
         "plane-split": changed(split=SplitConfig("plane")),
         "no-split": changed(split=SplitConfig("none")),
+        **{f"views-{n}": changed(plan=replace(base.plan, views=n)) for n in VIEW_COUNTS},
     }
-    named |= {f"views-{n}": changed(plan=replace(base.config.plan, views=n)) for n in VIEW_COUNTS}
-    return {prefix: base} | {f"{prefix}-{n}": v for n, v in named.items()} if prefix else named
+    return {"-".join(filter(None, (prefix, name))): way for name, way in named.items() if prefix or name}
 
 
-def chosen_variants(names: tuple[str, ...], sam_model: Path | None = None) -> dict[str, Variant]:
-    """The variants of these names; those with `sam` in their names need the model's folder."""
-    known = variants() | (sam_variants(sam_model) if sam_model else {})
+def chosen_variants(names: Sequence[str], sam_model: Path | None = None) -> dict[str, Way]:
+    """The variants of these names."""
+    known = variants(sam_model)
     for name in names:
         if name not in known:
             more = "" if sam_model else "; those of SAM need --sam-model"

@@ -71,12 +71,3 @@ def save_lerf_mask(root, predictions):
         write(root / "figurines" / "test_mask" / str(number) / "red ball.png", masks[name])
     write(root / "figurines" / "test_mask" / "0" / "ball's rim.png", masks[names[1]])
     np.save(predictions / "figurines" / "ball's rim.npy", np.load(predictions / "figurines" / "red ball.npy"))
-
-
-def save_spin_nerf(root, predictions):
-    """One scene, labels of 0 and 1, and what a labelling tool leaves beside them."""
-    names = ["image000.png", "image001.png", "image002.png"]
-    masks, pictures = save_capture(predictions / "lego", names)
-    for name in names[1:]:
-        write(root / "lego" / "images_4" / "label" / name, masks[name] // 255)
-        write(root / "lego" / "images_4" / "label" / name.replace(".png", "_cutout.png"), pictures[name])

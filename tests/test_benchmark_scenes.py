@@ -67,13 +67,14 @@ def test_both_truths_of_a_view(folder):
     near, far = open_scene(folder).test_views("cup")
     np.testing.assert_array_equal(near.image, np.broadcast_to([1.0, 0, 0], (HEIGHT, WIDTH, 3)))
     for view in (near, far):
-        np.testing.assert_allclose(view.in_scene.coverage, COVERAGE / 255, rtol=1e-6)
-        assert view.in_scene.counted.all()
-    np.testing.assert_array_equal(near.alone.coverage, near.in_scene.coverage)
-    np.testing.assert_array_equal(near.alone.counted, OTHER <= 127)
-    np.testing.assert_array_equal(near.picture_counted, near.alone.counted)
-    np.testing.assert_allclose(far.alone.coverage, alone / 255, rtol=1e-6)
-    assert far.alone.counted.all()
+        visible, known = view.in_scene
+        np.testing.assert_allclose(visible, COVERAGE / 255, rtol=1e-6)
+        assert known.all()
+    np.testing.assert_array_equal(near.coverage, near.in_scene[0])
+    np.testing.assert_array_equal(near.counted, OTHER <= 127)
+    np.testing.assert_array_equal(near.picture_counted, near.counted)
+    np.testing.assert_allclose(far.coverage, alone / 255, rtol=1e-6)
+    assert far.counted.all()
     np.testing.assert_array_equal(far.picture_counted, alone == COVERAGE)  # elsewhere it shows the other object
 
 
@@ -101,7 +102,7 @@ def test_several_sets_of_objects_may_share_one_scene(folder):
     scene = open_scene(handles)
     assert (scene.name, scene.objects, len(scene.gaussians)) == ("handles", ["handle"], 3)
     view = next(scene.test_views("handle"))
-    assert view.alone.counted.all()  # the objects of the other folder are another set
+    assert view.counted.all()  # the objects of the other folder are another set
     assert find_scenes(folder.parent) == [handles, folder] and find_scenes(handles) == [handles]
     (handles / "meta.json").write_text(json.dumps({"scene_folder": "../nowhere"}))
     with pytest.raises(InputError, match="nowhere"):
@@ -118,4 +119,4 @@ def test_the_projects_own_scenes_are_whole():
             assert kinds == ["centre_vote", "dilated", "eroded", "exact", "three_views", "wobbly"]
             assert all(scene.coarse(name, kind).any() for kind in kinds)
             views = list(scene.test_views(name))
-            assert len(views) == 8 and any(view.in_scene.coverage.any() for view in views)
+            assert len(views) == 8 and any(view.visible.any() for view in views)

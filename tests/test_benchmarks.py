@@ -1,26 +1,23 @@
 """The scripts that measure the project itself, on the ball in the layout of the benchmark."""
 
 import json
-from dataclasses import replace
 
 import benchmark_data  # noqa: F401  finds the scripts
 import cv2
-import dataset_layouts
 import numpy as np
 import pytest
 import toy
-from ablations import Ablations, ablation_table, worth_table
 from baselines import METHODS, Lifting, table_of
 from command_line import save_ball
-from quality import DATA, Quality, TrialOptions
-from sheets import CELL, Sheet
-from variants import chosen_variants
+from found import counts
+from quality import DATA, main, trials, worth_table
+from variants import stages, variants
 
-from gaussian_trimmer.commands.evaluate import RuleOptions
-from gaussian_trimmer.commands.tables import TableOptions
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.runs import Run, Variant, measure
+from gaussian_trimmer.evaluation.scoring import Judge
+from gaussian_trimmer.evaluation.trials import Run, measure, way_of
 from gaussian_trimmer.rendering import blend_values
+from gaussian_trimmer.trimming.config import TrimConfig
 
 
 @pytest.fixture
@@ -47,31 +44,36 @@ def root(tmp_path):
 
 
 def run_of(variant="default", gain=1.0, in_scene=1.0, object="ball"):
-    before = {"iou": 90.0, "accuracy": 95.0, "iou_in_scene": 90.0}
-    after = {"iou": 90.0 + gain, "accuracy": 96.0, "iou_in_scene": 90.0 + in_scene}
-    return Run("scene", object, "dilated", variant, 2, before, after, 0.5, "", {})
+    before = {"iou": 90.0, "boundary_iou": 80.0, "iou_in_scene": 90.0}
+    after = {"iou": 90.0 + gain, "boundary_iou": 85.0, "iou_in_scene": 90.0 + in_scene}
+    return Run("scene", object, "dilated", variant, 2, before, after, 0.5, "")
 
 
 def test_trials_hold_no_ground_truth_for_the_trimmer(root):
     left_out = []
-    trials = {trial.kind: trial for trial in TrialOptions().trials(root, left_out.append)}
-    assert set(trials) == {"dilated", "exact"} and "tiny" in left_out[0]
-    assert [camera.name for camera in trials["exact"].cameras.cameras] == ["2.png", "3.png", "4.png"]
-    assert [view.camera.name for view in trials["exact"].views] == ["0.png", "1.png"]
-    assert trials["exact"].up == (0, 0, 1)
-    (trial,) = TrialOptions(kinds=("box",), without_cameras=True).trials(root)
-    assert trial.cameras is None and trial.up is None and trial.selection.any()
+    found = {trial.kind: trial for trial in trials(root, report=left_out.append)}
+    assert set(found) == {"dilated", "exact"} and "tiny" in left_out[0]
+    assert [camera.name for camera in found["exact"].cameras.cameras] == ["2.png", "3.png", "4.png"]
+    assert [view.camera.name for view in found["exact"].views] == ["0.png", "1.png"]
+    assert found["exact"].up == (0, 0, 1)
+    (trial,) = trials(root, kinds=("box",), without_cameras=True)
+    assert trial.cameras is None and trial.up is None and trial.before.selection.any()
 
 
 def test_quality_counts_losses_by_both_rules(root, capsys):
     out = root.parent / "out"
-    Quality(root, ("views-1",), options=TrialOptions(kinds=("dilated",)), tables=TableOptions(output=out)).run()
+    main([str(root), "--variants", "views-1", "views-2", "--kinds", "dilated", "--output", str(out)])
     assert "alpha > 0.5" in capsys.readouterr().out
     row = json.loads((out / "views-1-kinds.json").read_text())["rows"][-1]
     assert row["IoU (%) after"] > row["IoU (%) before"] + 1
     assert row["losses alone"] == row["losses in scene"] == 0 and row["worst IoU change in scene"].startswith("+")
+    (worth,) = json.loads((out / "worth.json").read_text())["rows"]
+    two = json.loads((out / "views-2-kinds.json").read_text())["rows"][-1]
+    assert worth["IoU mean"] == pytest.approx(row["IoU (%) after"] - two["IoU (%) after"], abs=1e-3)
     with pytest.raises(InputError, match="Nothing to measure"):
-        Quality(root, options=TrialOptions(objects=("cup",))).run()
+        main([str(root), "--objects", "cup"])
+    with pytest.raises(InputError, match=r"'paper-sam'.*--sam-model"):
+        main([str(root), "--variants", "paper-sam"])
 
 
 @pytest.mark.slow
@@ -81,50 +83,40 @@ def test_quality_counts_losses_by_both_rules(root, capsys):
 )
 def test_trims_of_the_benchmark_are_as_good_as_they_were(scene, alone, in_scene, soft):
     """Means of commit 37c7c26 over dilated, eroded and wobbly; machines round differently."""
-    options = TrialOptions(kinds=("dilated", "eroded", "wobbly"))
-    judge = RuleOptions().judge()
-    runs = [run for trial in options.trials(DATA / scene) for run in measure(trial, {"default": Variant()}, judge)]
+    found = trials(DATA / scene, kinds=("dilated", "eroded", "wobbly"))
+    runs = [run for trial in found for run in measure(trial, {"default": way_of()}, Judge())]
     means = {name: np.mean([run.after[name] for run in runs]) for name in ("iou", "iou_in_scene", "soft_iou")}
     assert means["iou"] > alone - 0.3 and means["iou_in_scene"] > in_scene - 0.3 and means["soft_iou"] > soft - 0.3
 
 
-def test_ablations_name_their_rules_and_print_the_papers_figures_beside_no_others():
-    groups = {"No VCP": [run_of(gain=-1.0), run_of(in_scene=-0.5, object="cup")], "Full GaussianTrimmer": [run_of()]}
-    own, paper = (ablation_table("parts", rules, groups, []) for rules in ("own", "paper"))
-    assert "by the tool's own rules" in own.title and "by the paper's rules" in paper.title
-    assert not any("paper" in column for column in own.columns) and "paper" not in own.as_markdown()
-    first = dict(zip(paper.columns, paper.rows[0], strict=True))
-    assert first["paper: mIoU (%)"] == 91.3 and any("SAGA on NVOS" in note for note in paper.notes)
-    assert (first["losses alone"], first["worst IoU change alone"]) == (1, "-1.00 scene/ball dilated")
-    assert (first["losses in scene"], first["worst IoU change in scene"]) == (1, "-0.50 scene/cup dilated")
-
-
 def test_a_part_is_worth_what_trims_without_it_lack():
     groups = {"full": [run_of(gain=4.0), run_of(gain=2.0, object="cup")], "less": [run_of(), run_of(object="cup")]}
-    (row,) = worth_table("Parts", "full", groups).rows
-    assert row[:2] == ["less", 2] and (row[2].mean, row[2].low, row[2].high) == pytest.approx((2, 1, 3))
-    assert row[3].mean == 0 and row[4] is None  # scored by fewer metrics
+    (row,) = worth_table(groups, []).rows
+    assert row[:2] == ["less", 2] and row[2] == pytest.approx((2, 1, 3)) and row[-1][0] == 0
 
 
-@pytest.mark.slow
-def test_ablations_of_a_published_data_set(tmp_path, capsys):
-    dataset_layouts.save_nvos(tmp_path / "nvos", tmp_path / "SAGA")
-    data = {"layout": "nvos", "predictions": tmp_path / "SAGA", "tasks": ("fern",), "pixels": 160}
-    Ablations(tmp_path / "nvos", ("parts",), rules="paper", **data).run()
-    printed = capsys.readouterr().out
-    assert "Full GaussianTrimmer" in printed and "paper: mAcc (%)" in printed
-    with pytest.raises(InputError, match="--predictions"):
-        Ablations(tmp_path / "nvos", layout="nvos").run()
+def test_every_stage_of_the_default_can_be_left_out():
+    base = TrimConfig()
+    assert all(config != base for config in stages(base).values())
+    assert {"default", "paper", "paper-views-3", "sagd-split", *stages(base)} <= variants().keys()
 
 
-def test_variants_are_what_their_names_say():
-    names = ("default", "no-background", "neither", "paper", "paper-views-3", "paper-sagd-split")
-    default, bare, neither, paper, three, sagd = chosen_variants(names).values()
-    assert bare.config.context_radius == 0 and neither.training_views == 5 and default.config.refine != "off"
-    assert paper.config.split.rule == "principal_axis" and sagd.config.split.rule == "sagd"
-    assert three.config.plan.views == 3 and three.config.plan.size == paper.config.plan.size
-    with pytest.raises(InputError, match=r"'paper-sam'.*--sam-model"):
-        chosen_variants(("paper-sam",))
+@pytest.mark.parametrize(
+    ("shared", "found", "missed", "false", "split", "merged"),
+    [
+        ([[100, 0, 0], [0, 50, 0], [0, 0, 30]], 2, 0, 0, 0, 0),
+        # The first has 90 of its 100 pixels, the second none; the second that was found lies on nothing.
+        ([[500, 0, 20], [10, 90, 0], [40, 0, 0]], 1, 1, 1, 0, 0),
+        ([[0, 0, 0], [0, 55, 45]], 0, 0, 1, 1, 0),
+        ([[0, 0], [0, 60], [0, 40]], 0, 1, 0, 0, 1),
+        ([[10], [20]], 0, 1, 0, 0, 0),
+    ],
+)
+def test_what_became_of_the_objects_of_a_scene(shared, found, missed, false, split, merged):
+    seen = counts(np.array(shared))
+    assert [seen[name] for name in ("found", "missed", "false", "split", "merged")] == [
+        found, missed, false, split, merged,
+    ]  # fmt: skip
 
 
 def test_baselines_lift_masks_as_their_methods_do():
@@ -142,20 +134,6 @@ def test_baselines_lift_masks_as_their_methods_do():
 
 
 def test_baselines_have_rows_alone_and_trimmed():
-    runs = [run_of(), run_of(gain=3.0, object="cup")]
-    runs = [replace(run, before={**run.before, "boundary_iou": 80.0}) for run in runs]
-    runs = [replace(run, after={**run.after, "boundary_iou": 85.0}) for run in runs]
-    alone, trimmed = table_of(runs, ("default",), []).rows
+    alone, trimmed = table_of([run_of(), run_of(gain=3.0, object="cup")], ("default",), []).rows
     assert alone[0] == "dilated" and trimmed[0] == "+ default"
-    assert (alone[1].mean, trimmed[1].mean) == (90.0, 92.0)
-
-
-@pytest.mark.parametrize("masks", ["masks", None])
-def test_sheets_have_a_row_for_each_view(tmp_path, masks):
-    save_ball(tmp_path)
-    (tmp_path / "masks" / "4.png").write_bytes((tmp_path / "masks" / "3.png").read_bytes())
-    files = {"cameras": tmp_path / "cameras.json", "images": tmp_path / "masks", "before": tmp_path / "rough.npy"}
-    files["masks"] = masks and tmp_path / masks
-    Sheet(tmp_path / "scene.ply", tmp_path / "rough.npy", rows=2, output=tmp_path / "s.png", **files).run()
-    sheet = cv2.imread(str(tmp_path / "s.png"))
-    assert sheet.shape[1] == (5 if masks else 4) * CELL and 2 * CELL < sheet.shape[0] < 2 * CELL + 60
+    assert (alone[1][0], trimmed[1][0]) == (90.0, 92.0)

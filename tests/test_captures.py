@@ -3,8 +3,8 @@
 import benchmark_data
 import numpy as np
 import pytest
-from captures import FitOptions, Refit, Rooms, bent
-from quality import TrialOptions
+from captures import FitOptions, bent, refit, room
+from quality import trials
 from refits import fit, photograph, psnr, thinned
 from rooms import make_room
 
@@ -16,7 +16,7 @@ QUICK = FitOptions(steps=5, fine_steps=1, scale=0.5)
 @pytest.fixture(scope="module")
 def root(tmp_path_factory):
     root = tmp_path_factory.mktemp("captures")
-    Rooms(root, rooms=("b",), counts=(300,), coarseness=6.0, picture_scale=0.25, options=QUICK).run()
+    room("b", 300, root / "room_b", QUICK, coarseness=6.0, picture_scale=0.25)
     return root
 
 
@@ -25,14 +25,14 @@ def test_a_room_is_a_benchmark_scene(root):
     assert (len(scene.training_cameras), len(scene.test_frames)) == (40, 8)
     assert scene.objects == ["cupboard", "drawers", "radiator"] and scene.up.tolist() == [0, 0, 1]
     assert 200 < len(scene.gaussians) <= 300
-    trials = list(TrialOptions(objects=("drawers",)).trials(root))
-    assert {trial.kind for trial in trials} >= {"exact", "dilated", "centre_vote", "three_views", "wobbly"}
-    assert all(trial.selection.any() and len(trial.views) == 8 for trial in trials)
+    found = list(trials(root, ("drawers",)))
+    assert {trial.kind for trial in found} >= {"exact", "dilated", "centre_vote", "three_views", "wobbly"}
+    assert all(trial.before.selection.any() and len(trial.views) == 8 for trial in found)
 
 
 def test_a_scene_is_seen_by_fewer_gaussians_and_haze(root, capsys):
     options = FitOptions(steps=2, fine_steps=0, scale=0.5, haze=0.1)
-    Refit(root / "room_b", root, count=120, name="fewer", options=options).run()
+    refit(root / "room_b", root, 120, "fewer", options)
     scene, source = benchmark_data.open_scene(root / "fewer"), benchmark_data.open_scene(root / "room_b")
     assert 60 < len(scene.gaussians) <= 120 and "PSNR" in capsys.readouterr().out
     view = source.training_cameras[0].name
@@ -40,9 +40,9 @@ def test_a_scene_is_seen_by_fewer_gaussians_and_haze(root, capsys):
 
 
 def test_fitting_brings_a_scene_closer_to_the_pictures():
-    room, rng = make_room("c", 8.0, 0.2), np.random.default_rng(0)
-    views = photograph(room.seen_from, room.training[::8], 0.0, rng)
-    few = thinned(room.gaussians, views, 200, rng)
+    made, rng = make_room("c", 8.0, 0.2), np.random.default_rng(0)
+    views = photograph(made.seen_from, made.training[::8], 0.0, rng)
+    few = thinned(made.gaussians, views, 200, rng)
     before, after = (
         np.mean([psnr(draw(g, v.camera), v.picture[:3]) for v in views]) for g in (few, fit(few, views, 30, rng))
     )

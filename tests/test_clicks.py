@@ -331,7 +331,7 @@ def test_benchmark_click_then_trim(where, name, view):
     training = replace(cameras, cameras=kept, train=(True,) * len(kept))
     result = trim(scene.gaussians, pick.selection, config=TrimConfig(up=(0, 0, 1)), cameras=training)
     overlaps = [
-        foreground_iou(render(result.object, test.camera).alpha, test.alone.coverage, test.alone.counted)
+        foreground_iou(render(result.object, test.camera).alpha, test.coverage, test.counted)
         for test in scene.test_views(name)
         if not test.far
     ]

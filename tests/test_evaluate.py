@@ -93,3 +93,21 @@ def test_masks_of_other_pictures_are_refused(folder, capsys):
         path.rename(path.with_name(f"other_{path.name}"))
     assert evaluate("object.ply") == 2
     assert "No mask" in capsys.readouterr().err
+
+
+def test_each_of_several_objects_is_compared_with_what_is_most_like_it(folder, capsys):
+    truth = np.load("truth.npy")
+    (folder / "all").mkdir()
+    (folder / "masks").rename(folder / "all" / "ball")
+    half = truth & (np.cumsum(truth) % 2 == 0)
+    np.save("right.npy", truth.astype(np.int32))
+    np.save("wrong.npy", np.where(half, 1, np.where(truth, 2, 0)).astype(np.int32))
+    command = ["--masks", "all", "--cameras", "cameras.json", "--json"]
+    found = {}
+    for name in ("right", "wrong"):
+        assert run("evaluate", "scene.ply", f"{name}.npy", *command) == 0
+        found[name], mean = json.loads(capsys.readouterr().out)["rows"]
+        assert found[name]["true object"] == "ball" and mean["IoU (%)"] == found[name]["IoU (%)"]
+    assert found["right"]["found as"] == 1 and found["right"]["IoU (%)"] > 90 > 80 > found["wrong"]["IoU (%)"]
+    assert run("evaluate", "scene.ply", "right.npy", *command, "--threshold", 0.4) == 2
+    assert "--threshold" in capsys.readouterr().err

@@ -13,8 +13,9 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.evaluation.ground_truth import views_in
 from gaussian_trimmer.evaluation.metrics import similarity_map
-from gaussian_trimmer.evaluation.removal import covered, likeness
+from gaussian_trimmer.evaluation.scoring import likeness
 from gaussian_trimmer.rendering import render
+from gaussian_trimmer.views.view import grown
 
 NAMES = ["IMG_1.png", "IMG_2.png", "IMG_3.png"]
 SIZE = 96
@@ -98,11 +99,11 @@ def test_only_the_pixels_that_count_are_compared(folder):
     cameras = read_camera_set(folder).cameras
     _, views = views_in(cameras, folder / "masks", folder / "without")
     for view in views:
-        picture, counted = view.image.copy(), covered(view, 3)
+        picture, counted = view.image.copy(), grown(view.coverage > 0.5, 3)
         picture[~counted] = 0.5
-        assert likeness(picture, view, counted)[0] == 100
+        assert likeness(picture, view.image, counted)[0] == 100
         picture[counted] += 0.1 * (picture[counted] < 0.5) - 0.1 * (picture[counted] >= 0.5)
-        assert likeness(picture, view, counted)[0] == pytest.approx(20, abs=1e-3)
+        assert likeness(picture, view.image, counted)[0] == pytest.approx(20, abs=1e-3)
 
 
 def test_a_view_in_which_others_hide_the_object_does_not_count(folder):

@@ -60,7 +60,7 @@ def test_a_mask_of_another_size_brings_the_camera_to_it(tmp_path):
     view = view_of(camera(), tmp_path / "m.png")
     assert (view.camera.width, view.camera.height) == (48, 32)
     np.testing.assert_allclose(view.camera.K, [[40, 0, 24], [0, 40, 16], [0, 0, 1]])
-    assert view.alone.coverage.shape == (32, 48) and view.alone.counted.all()
+    assert view.coverage.shape == (32, 48) and view.counted.all()
 
 
 def test_a_mask_of_another_shape_is_refused(tmp_path):
@@ -90,7 +90,7 @@ def test_masks_bind_to_cameras_by_name_and_ignored_pixels_do_not_count(tmp_path)
     cameras = [camera("IMG_1.JPG"), camera(), camera("IMG_9.JPG")]
     found, views = views_in(cameras, tmp_path / "masks", ignored=[tmp_path / "others"])
     assert [c.name for c in found] == ["IMG_7.JPG"]
-    np.testing.assert_array_equal(next(views).in_scene.counted, other == 0)
+    np.testing.assert_array_equal(next(views).counted, other == 0)
     cv2.imwrite(str(tmp_path / "others" / "IMG_7.png"), other[:-1])
     _, views = views_in([camera()], tmp_path / "masks", ignored=[tmp_path / "others"])
     with pytest.raises(InputError, match="different sizes"):

@@ -1,10 +1,20 @@
 """How settings are chosen: a group of captures has no say in the values that it is measured with."""
 
 import pytest
-from held_out import DEFAULT, Choice, changed, chosen, chosen_config, comparison, report, scores_by_group
+from held_out import (
+    DEFAULT,
+    changed,
+    choice_of,
+    chosen,
+    chosen_config,
+    comparison,
+    report,
+    scores_by_group,
+    variants_of,
+)
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.runs import Run
+from gaussian_trimmer.evaluation.trials import Run
 from gaussian_trimmer.trimming.config import TrimConfig
 
 LOW, HIGH = DEFAULT, "evidence.prior=2"
@@ -13,7 +23,7 @@ GROUPS = {
     "b": {LOW: 80.0, HIGH: 79.0},
     "c": {LOW: 70.0, HIGH: 69.0},
 }
-CHOICE = Choice("evidence.prior", (1.0, 2.0))
+CHOICES = {"evidence.prior": (1.0, 2.0)}
 
 
 def test_the_group_under_test_has_no_say():
@@ -22,7 +32,7 @@ def test_the_group_under_test_has_no_say():
     *rows, mean = report(GROUPS, [LOW, HIGH])[1:]
     assert [row.split("  ")[-1] for row in rows] == [f"{LOW}: 90.00", f"{HIGH}: 79.00", f"{HIGH}: 69.00"]
     assert f"held out 79.33; all choose {HIGH}" in mean
-    assert [chosen_config(GROUPS, [CHOICE], group).evidence.prior for group in GROUPS] == [1.0, 2.0, 2.0]
+    assert [chosen_config(GROUPS, CHOICES, group).evidence.prior for group in GROUPS] == [1.0, 2.0, 2.0]
 
 
 def test_one_group_cannot_be_left_out():
@@ -32,7 +42,7 @@ def test_one_group_cannot_be_left_out():
 
 def run(scene, variant, before, after):
     scores = [{"iou": iou, "iou_in_scene": iou} for iou in (before, after)]
-    return Run(scene, "cup", "exact", variant, 1, *scores, 0.0, "", {})
+    return Run(scene, "cup", "exact", variant, 1, *scores, 0.0, "")
 
 
 def test_scenes_that_share_objects_are_one_group():
@@ -60,7 +70,7 @@ def test_a_setting_is_named_as_on_the_command_line():
 
 
 def test_a_choice_is_a_name_and_values():
-    assert Choice.parse("evidence.prior=1,2") == CHOICE
-    assert list(CHOICE.variants()) == [HIGH]  # the default is there already
+    assert dict([choice_of("evidence.prior=1,2")]) == CHOICES
+    assert list(variants_of("evidence.prior", (1.0, 2.0))) == [HIGH]  # the default is there already
     with pytest.raises(InputError, match=r"'evidence\.prior' is no choice"):
-        Choice.parse("evidence.prior")
+        choice_of("evidence.prior")

@@ -9,15 +9,15 @@ from dataset_layouts import write
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.layouts import LAYOUTS, DatasetTask, MaskedPicture, camera_of
-from gaussian_trimmer.evaluation.predictions import PredictionPatterns, find_predictions
+from gaussian_trimmer.evaluation.datasets import LAYOUTS, MaskedPicture, Task, camera_of
+from gaussian_trimmer.evaluation.trials import find_files
 
 BLANK = np.zeros((4, 4), np.uint8)
-TASK = DatasetTask("horns", "horns_left", ())
+TASK = Task("horns", "horns_left", ())
 
 
-def find_prediction(folder, patterns=None, root=None):
-    return find_predictions([TASK], folder, patterns or PredictionPatterns(), root or folder)[0]
+def find(folder, root=None, **patterns):
+    return find_files(TASK, folder, root or folder, patterns)
 
 
 def cameras(*names):
@@ -89,27 +89,28 @@ def test_files_are_found_in_the_usual_places(tmp_path):
         "horns/segmentation_res/horns_left.pt",
         "horns/segmentation_res/other.pt",
     )
-    found = find_prediction(tmp_path)
-    assert found.scene.parent.name == "iteration_30000"
-    assert found.selection.name == "horns_left.pt" and found.cameras.name == "cameras.json"
+    found = find(tmp_path)
+    assert found["scene"].parent.name == "iteration_30000"
+    assert found["selection"].name == "horns_left.pt" and found["cameras"].name == "cameras.json"
 
 
 def test_a_file_that_tasks_share_is_no_ones_selection(tmp_path):
     touch(tmp_path, "horns/scene.ply", "horns/cameras.json", "horns/selection.npy", "horns/segmentation_res/a.pt")
     with pytest.raises(InputError, match=r"no selection of the task 'horns_left'.*--selections.*--ids"):
-        find_prediction(tmp_path)
+        find(tmp_path)
     touch(tmp_path, "horns_left.npy")
-    assert find_prediction(tmp_path).selection == tmp_path / "horns_left.npy"
+    assert find(tmp_path)["selection"] == tmp_path / "horns_left.npy"
 
 
 def test_patterns_name_other_places(tmp_path):
     method, data = tmp_path / "me[th]od", tmp_path / "data"  # brackets are no pattern here
     touch(method, "models/horns/it.ply", "out/horns_left.npy")
     touch(data, "horns/sparse/0/images.bin")
-    patterns = PredictionPatterns("models/{scene}/*.ply", str(method / "out").replace("[", "[[]") + "/{object}.npy")
-    found = find_prediction(method, patterns, data)
-    assert (found.scene.name, found.selection.name) == ("it.ply", "horns_left.npy")
-    assert found.cameras == data / "horns" / "sparse" / "0"
+    selection = str(method / "out").replace("[", "[[]") + "/{object}.npy"
+    patterns = {"scene": "models/{scene}/*.ply", "selection": selection}
+    found = find(method, data, **patterns)
+    assert (found["scene"].name, found["selection"].name) == ("it.ply", "horns_left.npy")
+    assert found["cameras"] == data / "horns" / "sparse" / "0"
     touch(method, "models/horns/other.ply")
-    with pytest.raises(InputError, match="2 files that may be its splat file"):
-        find_prediction(method, patterns, data)
+    with pytest.raises(InputError, match="2 files that may be its scene"):
+        find(method, data, **patterns)

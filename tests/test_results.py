@@ -6,7 +6,8 @@ import toy
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.results import cut_by, read_result
+from gaussian_trimmer.evaluation.results import read_result
+from gaussian_trimmer.evaluation.scoring import cut_by
 from gaussian_trimmer.output.saving import save
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.trimming.trim import trim, trim_objects
@@ -34,9 +35,9 @@ def test_a_folder_of_a_trim_holds_what_was_selected_before(ball, trimmed, tmp_pa
     found = read_result(trimmed.save(tmp_path / "t"), scene)
     np.testing.assert_array_equal(found.before, rough)
     np.testing.assert_array_equal(found.selection, trimmed.object_mask)
-    assert rows(found.cut.object) == rows(trimmed.object)
-    assert rows(found.cut.background) == rows(trimmed.background)
-    assert not found.unknown_background
+    assert rows(found.object) == rows(trimmed.object)
+    assert rows(found.background) == rows(trimmed.background)
+    assert not found.unknown
 
 
 def test_labels_of_another_scene_are_refused(ball, trimmed, tmp_path):
@@ -57,7 +58,7 @@ def test_an_object_of_another_tool_is_found_in_the_scene(ball, tmp_path):
     formats.write(scene.select(truth), tmp_path / "object.ply")
     found = read_result(tmp_path / "object.ply", scene)
     np.testing.assert_array_equal(found.selection, truth)
-    assert rows(found.cut.background) == rows(scene.select(~truth)) and found.before is None
+    assert rows(found.background) == rows(scene.select(~truth)) and found.before is None
 
 
 def test_an_object_that_is_not_in_the_scene_has_no_background(ball, tmp_path):
@@ -65,9 +66,9 @@ def test_an_object_that_is_not_in_the_scene_has_no_background(ball, tmp_path):
     other = scene.select(truth).replace(means=scene.means[::-1][truth] * 3, sh_dc=scene.sh_dc[truth] + 5)
     formats.write(other, tmp_path / "object.ply")
     found = read_result(tmp_path / "object.ply", scene)
-    assert found.cut.background is None and found.selection is None
-    assert "match no row" in found.unknown_background
-    assert len(found.cut.object) == truth.sum()
+    assert found.background is None and found.selection is None
+    assert "match no row" in found.unknown
+    assert len(found.object) == truth.sum()
 
 
 def test_a_selection_file_cuts_the_scene(ball, tmp_path):
@@ -75,7 +76,7 @@ def test_a_selection_file_cuts_the_scene(ball, tmp_path):
     np.save(tmp_path / "rough.npy", rough)
     found = read_result(tmp_path / "rough.npy", scene)
     np.testing.assert_array_equal(found.selection, rough)
-    assert rows(found.cut.object) == rows(cut_by(scene, rough).object)
+    assert rows(found.object) == rows(cut_by(scene, rough).object)
 
 
 def test_one_of_several_objects_is_read_from_their_folder(tmp_path):
@@ -85,8 +86,8 @@ def test_one_of_several_objects_is_read_from_their_folder(tmp_path):
     save(result, tmp_path / "out")
     stored = read_result(tmp_path / "out", scene, SelectionOptions(object_id=(7,)))
     own = next(part for part in result.objects if part.id == 7)
-    assert len(stored.cut.object) == len(own.gaussians)
-    assert len(stored.cut.background) == len(formats.read(tmp_path / "out" / "background.ply")) + sum(
+    assert len(stored.object) == len(own.gaussians)
+    assert len(stored.background) == len(formats.read(tmp_path / "out" / "background.ply")) + sum(
         len(part.gaussians) for part in result.objects if part.id != 7
     )
     with pytest.raises(InputError, match=r"3 \(.*7 \("):

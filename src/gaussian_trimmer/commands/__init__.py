@@ -23,18 +23,15 @@ COMMANDS = {
     "view": ("gaussian_trimmer.commands.view:View", "mark, trim and look in the browser"),
     "evaluate": ("gaussian_trimmer.commands.evaluate:Evaluate", "compare a trim with ground-truth masks"),
     "evaluate removal": (
-        "gaussian_trimmer.commands.evaluate_removal:EvaluateRemoval",
+        "gaussian_trimmer.commands.evaluate:EvaluateRemoval",
         "compare the scene without an object with pictures of it",
     ),
-    "evaluate objects": ("gaussian_trimmer.commands.evaluate:Evaluate", "the former name of evaluate for several"),
     "evaluate nvos": (
         "gaussian_trimmer.commands.evaluate_dataset:Nvos",
         "score a method on NVOS, before and after trimming",
     ),
     "evaluate lerf-mask": ("gaussian_trimmer.commands.evaluate_dataset:LerfMask", "the same on LERF-Mask"),
-    "evaluate spin-nerf": ("gaussian_trimmer.commands.evaluate_dataset:SpinNerf", "the same on SPIn-NeRF's masks"),
     "evaluate lerf-ovs": ("gaussian_trimmer.commands.evaluate_dataset:LerfOvs", "the same on LERF-OVS"),
-    "evaluate 3d-ovs": ("gaussian_trimmer.commands.evaluate_dataset:Ovs3d", "the same on 3D-OVS"),
     "completion": ("gaussian_trimmer.commands.completion:Completion", "make bash or zsh complete commands"),
 }
 """A command of two words goes before the command of its first word."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 GONE = {
     "completion": "Shells complete file names by themselves; 'gaussian-trimmer COMMAND --help' lists the options.",
-    "evaluate objects": "Use 'evaluate' with one --masks folder an object.",
+    "evaluate objects": "Use 'evaluate' with a folder of masks for each object in --masks.",
     "evaluate spin-nerf": "Use 'evaluate' with the masks and cameras of a scene.",
     "evaluate 3d-ovs": "Use 'evaluate' with the masks and cameras of a scene.",
+    "--masks-only": "Score a method's object or selection with 'evaluate'; masks alone are not scored.",
     "--renderer": "Leave it out: the CPU renderer draws everything.",
     "--photos": "Make masks of the photographs with any tool, and give their folder with --masks.",
     "--export-viewer": "Open object.ply in any splat viewer; splat-transform writes a page that holds a scene.",

@@ -33,16 +33,6 @@ _SAME_COVERAGE = 1.5 / 255
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
-    """What a silhouette is compared with."""
-
-    coverage: FloatArray
-    """Coverage of the object in [0, 1], (H, W)."""
-    counted: BoolArray
-    """Pixels at which the coverage is known, (H, W)."""
-
-
-@dataclass(frozen=True, eq=False)
 class TestView:
     """One held-out view of one object."""
 
@@ -51,18 +41,26 @@ class TestView:
     camera: Camera
     image: FloatArray | None
     """Ground-truth picture in [0, 1], (H, W, 3); None if there is none."""
-    alone: Truth
-    """Of the object rendered alone."""
-    in_scene: Truth
-    """Of what is visible of the object in its scene. Where only one mask is known, the same."""
+    coverage: FloatArray
+    """Coverage by the object rendered alone, in [0, 1], (H, W)."""
+    counted: BoolArray
+    """Pixels at which that coverage is known, (H, W)."""
+    visible: FloatArray | None = None
+    """Coverage by what is visible of the object in its scene, known everywhere, (H, W); None if it is that alone."""
     far: bool = False
     """Whether the camera is far from all training cameras."""
 
     @property
+    def in_scene(self) -> tuple[FloatArray, BoolArray]:
+        """Coverage by what is visible of the object, and the pixels at which it is known, (H, W) each."""
+        if self.visible is None:
+            return self.coverage, self.counted
+        return self.visible, np.ones(self.visible.shape, np.bool_)
+
+    @property
     def picture_counted(self) -> BoolArray:
         """Pixels at which the picture shows the object as if nothing were before it, (H, W)."""
-        agree = np.abs(self.alone.coverage - self.in_scene.coverage) < _SAME_COVERAGE
-        return np.asarray(self.alone.counted & agree)
+        return np.asarray(self.counted & (np.abs(self.coverage - self.in_scene[0]) < _SAME_COVERAGE))
 
 
 def read_mask(path: Path) -> FloatArray:
@@ -107,19 +105,14 @@ def read_polygons(path: Path) -> tuple[tuple[int, int], dict[str, list[NDArray[n
     return (height, width), parts
 
 
-def read_picture(path: Path) -> FloatArray:
-    """Return a picture in [0, 1], (H, W, 3). Raises as `read_mask`."""
-    bgr, _ = _decoded(path, cv2.IMREAD_COLOR)
-    return np.ascontiguousarray(bgr[..., ::-1].astype(np.float32) / np.float32(255))
-
-
 def read_photograph(path: Path, width: int, height: int) -> FloatArray:
     """Return a picture in [0, 1], brought to a size, (H, W, 3).
 
     Raises:
-        InputError: as for `read_picture`, or the picture has another shape.
+        InputError: as for `read_mask`, or the picture has another shape.
     """
-    picture = read_picture(path)
+    bgr, _ = _decoded(path, cv2.IMREAD_COLOR)
+    picture = np.ascontiguousarray(bgr[..., ::-1].astype(np.float32) / np.float32(255))
     if not _same_shape(picture.shape[1] / picture.shape[0], width / height):
         raise InputError(
             f"The picture '{path}' has {picture.shape[1]} x {picture.shape[0]} pixels and its mask {width} x {height}; "
@@ -197,8 +190,7 @@ def view_of(
             raise InputError(f"The masks '{mask}' and '{path}' have different sizes; they must have the same.")
         counted &= left_out <= np.float32(ignored_above)
     picture = read_photograph(image, width, height) if image is not None else None
-    truth = Truth(coverage, counted)
-    return TestView(at_size(camera, width, height, mask), picture, truth, truth)
+    return TestView(at_size(camera, width, height, mask), picture, coverage, counted)
 
 
 def views_in(

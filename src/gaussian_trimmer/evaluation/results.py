@@ -3,36 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.scoring import Cut
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, concatenate, mask_of_rows
+from gaussian_trimmer.evaluation.scoring import Cut, cut_by
+from gaussian_trimmer.gaussians import Gaussians, concatenate, mask_of_rows
 from gaussian_trimmer.io.reading import is_folder, path_inside, read_json
-from gaussian_trimmer.selection_files import SelectionOptions, kinds, load_objects, load_selection
+from gaussian_trimmer.selection_files import SelectionOptions, kinds, load_selection
 from gaussian_trimmer.selection_files.kinds import MASK
 from gaussian_trimmer.selection_files.labels import check_ids
 from gaussian_trimmer.selection_files.selection_file import open_selection
 
 
-@dataclass(frozen=True, eq=False)
-class StoredResult:
-    """An object from a file or a folder."""
-
-    cut: Cut
-    selection: BoolArray | None
-    """Rows of the scene that the object has, whole or in part, (N,); None if they are not known."""
-    before: BoolArray | None = None
-    """Rows of the scene that were selected before the trim, (N,); None if they are not known."""
-    unknown_background: str | None = None
-    """Why the scene without the object is not known; None if it is known."""
-
-
-def read_result(path: Path, scene: Gaussians, options: SelectionOptions | None = None) -> StoredResult:
+def read_result(path: Path, scene: Gaussians, options: SelectionOptions | None = None) -> Cut:
     """Return the object that a folder of a trim, a splat file or a selection file holds.
 
     - A folder must be one that `gaussian-trimmer trim` wrote: object, background, and the selection before the trim. Of
@@ -55,25 +41,7 @@ def read_result(path: Path, scene: Gaussians, options: SelectionOptions | None =
         rows = open_selection(path, len(scene)).rows
         if rows is not None and MASK not in rows.columns and len(rows) < len(scene):
             return _read_object(path, scene)
-    selection = load_selection(path, scene, options)
-    return StoredResult(cut_by(scene, selection), selection)
-
-
-def read_objects(
-    path: Path, scene: Gaussians, ids: Sequence[int] = (), options: SelectionOptions | None = None
-) -> dict[int, BoolArray]:
-    """Return the rows of the scene that each object has, (N,), by its id.
-
-    Args:
-        path: a folder of a trim, or a selection file.
-        scene: all N Gaussians.
-        ids: the objects that are meant; without them all.
-        options: how a selection file is read.
-
-    Raises:
-        InputError: nothing readable is there, it does not fit the scene, or has not one of the ids.
-    """
-    return load_objects(path / "labels.npz" if is_folder(path) else path, scene, ids, options)
+    return cut_by(scene, load_selection(path, scene, options))
 
 
 def read_background(path: Path) -> Gaussians:
@@ -90,21 +58,16 @@ def read_background(path: Path) -> Gaussians:
     return formats.read(found)
 
 
-def cut_by(scene: Gaussians, selection: BoolArray) -> Cut:
-    """Return the scene cut in two by a selection (N,)."""
-    return Cut(scene.select(selection), scene.select(~selection))
-
-
-def _read_object(path: Path, scene: Gaussians) -> StoredResult:
+def _read_object(path: Path, scene: Gaussians) -> Cut:
     found = formats.read(path)
     try:
         selection = load_selection(path, scene)
     except InputError as error:
-        return StoredResult(Cut(found, None), None, unknown_background=str(error))
-    return StoredResult(Cut(found, scene.select(~selection)), selection)
+        return Cut(found, None, unknown=str(error))
+    return Cut(found, scene.select(~selection), selection)
 
 
-def _read_folder(folder: Path, scene: Gaussians, wanted: Sequence[int]) -> StoredResult:
+def _read_folder(folder: Path, scene: Gaussians, wanted: Sequence[int]) -> Cut:
     """Return the object of a trim's folder, or of several the one with an id; the others are part of the background."""
     labels, n = folder / "labels.npz", len(scene)
     if not labels.is_file():
@@ -122,11 +85,14 @@ def _read_folder(folder: Path, scene: Gaussians, wanted: Sequence[int]) -> Store
     background = _only(folder, "background")
     rest = [formats.read(background), *(parts[i] for i in parts if i not in chosen)] if background else None
     nothing = scene.select(slice(0, 0))
-    cut = Cut(concatenate([nothing, *(parts[i] for i in chosen if i in parts)]), concatenate(rest) if rest else None)
     before = kinds.selected_rows(file, n)
-    missing = None if background else f"'{folder}' holds no background file."
-    selection = mask_of_rows(np.concatenate([rows[number] for number in chosen]), n)
-    return StoredResult(cut, selection, None if before is None else mask_of_rows(before, n), missing)
+    return Cut(
+        concatenate([nothing, *(parts[i] for i in chosen if i in parts)]),
+        concatenate(rest) if rest else None,
+        mask_of_rows(np.concatenate([rows[number] for number in chosen]), n),
+        None if before is None else mask_of_rows(before, n),
+        "" if background else f"'{folder}' holds no background file.",
+    )
 
 
 def _object_files(folder: Path, ids: Sequence[int]) -> dict[int, Path]:

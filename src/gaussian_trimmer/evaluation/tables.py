@@ -1,4 +1,4 @@
-"""Tables of scores as Markdown, CSV, JSON and LaTeX, with notes on how their figures were measured.
+"""Tables of scores as Markdown, CSV, JSON and LaTeX, with notes on how they were measured, and how sure means are.
 
 CSV has no notes, since most readers take every line for a row; they are written beside it.
 """
@@ -8,41 +8,36 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from gaussian_trimmer._version import __version__
 from gaussian_trimmer.errors import printable
-from gaussian_trimmer.evaluation.scoring import ACC25, METRICS, Scores
+from gaussian_trimmer.evaluation.datasets import MeanOver
+from gaussian_trimmer.evaluation.scoring import ACC25, METRICS, Scores, mean_scores
+from gaussian_trimmer.evaluation.trials import LOSS, Run
 
-
-@dataclass(frozen=True)
-class BeforeAfter:
-    """A score before and after; None where it is not known."""
-
-    before: float | None
-    after: float | None
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A mean with the ends of its 95 % interval; None where these are not known."""
-
-    mean: float
-    low: float | None
-    high: float | None
-
-
+MADE_BY = f"made by gaussian-trimmer {__version__}"
+"""A note of every table."""
+_ROUNDS, _ENDS = 10_000, (2.5, 97.5)
+"""Bootstrap samples, and the percentiles of their means between which an interval lies."""
 _LATEX: Mapping[str, str] = {
     **{character: f"\\{character}" for character in "&%$#_{}"},
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}",
     "<": "$<$", ">": "$>$", "[": "{[}",
 }  # fmt: skip
 """Character that LaTeX would obey or not show -> how it is written; after a line's end a bracket is an option."""
+ENDINGS = {"table": ".md", "csv": ".csv", "json": ".json", "latex": ".tex"}
+"""Ending of the file of each format."""
 
-Cell = str | float | int | BeforeAfter | Interval | None
-_PARTS: Mapping[type, tuple[str, ...]] = {BeforeAfter: ("before", "after"), Interval: ("mean", "low", "high")}
-"""Cells that are several numbers -> the names of these."""
+Cell = str | float | int | tuple[float | None, ...] | None
+"""Two numbers are a score before and after, three a mean with the ends of its 95 % interval."""
+_PARTS: Mapping[int, tuple[str, ...]] = {1: ("",), 2: ("before", "after"), 3: ("mean", "low", "high")}
 
 
 @dataclass(frozen=True)
@@ -56,68 +51,70 @@ class ScoreTable:
     digits: int = 2
     """Decimals of numbers in Markdown and LaTeX; CSV and JSON have four."""
 
-    def as_markdown(self) -> str:
-        """Return a Markdown table with aligned columns."""
-        lines = [list(self.columns), *([cell_text(cell, self.digits) for cell in row] for row in self.rows)]
-        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-        first, *others = widths
-        lines.insert(1, ["-" * first, *(f"{'-' * (width - 1)}:" for width in others)])
-        drawn = (
-            [line[0].ljust(first), *(text.rjust(width) for text, width in zip(line[1:], others, strict=True))]
-            for line in lines
-        )
-        return "\n".join([self.title, "", *(f"| {' | '.join(line)} |" for line in drawn), "", *self.notes, ""])
-
-    def as_csv(self) -> str:
-        """Return comma-separated values; a cell of several numbers takes as many columns."""
-        file = io.StringIO()
-        writer = csv.writer(file, lineterminator="\n")
-        names, rows = self._flat()
-        writer.writerows([names, *(["" if cell is None else cell_text(cell, 4) for cell in row] for row in rows)])
-        return file.getvalue()
-
-    def as_latex(self) -> str:
-        """Return a tabular that needs no package, below title and notes as comments (`%`)."""
-        comments = [f"% {printable(comment)}" for comment in (self.title, *self.notes)]
-        cells = [map(_escaped, self.columns), *([_latex(cell, self.digits) for cell in row] for row in self.rows)]
-        head, *body = (f"{' & '.join(line)} \\\\" for line in cells)
-        begin = f"\\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}"
-        lines = [*comments, begin, "\\hline", head, "\\hline", *body, "\\hline", "\\end{tabular}"]
-        return "\n".join([*lines, ""])
+    def text(self, format: str) -> str:
+        """Return the table in one of the formats of `ENDINGS`."""
+        if format in ("csv", "json"):
+            return self._as_csv() if format == "csv" else json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n"
+        cells = [[cell_text(cell, self.digits) for cell in row] for row in self.rows]
+        return self._as_latex(cells) if format == "latex" else self._as_markdown(cells)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the table as JSON holds it: rows are objects with the columns of CSV."""
-        names, rows = self._flat()
-        plain = [[round(cell, 4) if isinstance(cell, float) else cell for cell in row] for row in rows]
-        return {**self.about(), "rows": [dict(zip(names, row, strict=True)) for row in plain]}
+        """Return the table as JSON holds it: rows are objects, in which each number of a cell has its own name."""
+        columns = zip(*self.rows, strict=True)
+        sizes = [max(len(cell) if isinstance(cell, tuple) else 1 for cell in column) for column in columns]
+        rows = []
+        for row in self.rows:
+            flat: dict[str, str | float | int | None] = {}
+            for name, cell, n in zip(self.columns, row, sizes, strict=True):
+                values = cell if isinstance(cell, tuple) else (cell,) * n
+                for part, value in zip(_PARTS[n], values, strict=True):
+                    flat[f"{name} {part}".strip()] = round(value, 4) if isinstance(value, float) else value
+            rows.append(flat)
+        return {"title": self.title, "notes": list(self.notes), "rows": rows}
 
-    def about(self) -> dict[str, Any]:
-        """Return the title and the notes."""
-        return {"title": self.title, "notes": list(self.notes)}
+    def _as_csv(self) -> str:
+        file, rows = io.StringIO(), self.as_dict()["rows"]
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerows([rows[0], *(["" if v is None else cell_text(v, 4) for v in row.values()] for row in rows)])
+        return file.getvalue()
 
-    def _flat(self) -> tuple[list[str], list[list[Cell]]]:
-        """Return headings and rows with one column for each number."""
-        kinds = [next((_PARTS[type(row[i])] for row in self.rows if type(row[i]) in _PARTS), ())
-                 for i in range(len(self.columns))]  # fmt: skip
-        names = [f"{name} {part}".strip() for name, parts in zip(self.columns, kinds, strict=True)
-                 for part in parts or ("",)]  # fmt: skip
+    def _as_markdown(self, cells: list[list[str]]) -> str:
+        lines = [list(self.columns), *cells]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        lines.insert(1, ["-" * widths[0], *(f"{'-' * (width - 1)}:" for width in widths[1:])])
+        drawn = [
+            [
+                text.rjust(width) if place else text.ljust(width)
+                for place, (text, width) in enumerate(zip(line, widths, strict=True))
+            ]
+            for line in lines
+        ]
+        return "\n".join([self.title, "", *(f"| {' | '.join(line)} |" for line in drawn), "", *self.notes, ""])
+
+    def _as_latex(self, cells: list[list[str]]) -> str:
+        """Return a tabular that needs no package, below title and notes as comments (`%`)."""
         rows = [
-            [value for cell, parts in zip(row, kinds, strict=True)
-             for value in ([getattr(cell, part, None) for part in parts] if parts else [cell])]
-            for row in self.rows
-        ]  # fmt: skip
-        return names, rows
+            [_escaped(text) if isinstance(cell, str) else _mathematics(text) for cell, text in zip(*pair, strict=True)]
+            for pair in zip(self.rows, cells, strict=True)
+        ]
+        head, *body = (f"{' & '.join(line)} \\\\" for line in [list(map(_escaped, self.columns)), *rows])
+        comments = [f"% {printable(comment)}" for comment in (self.title, *self.notes)]
+        begin = f"\\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}"
+        return "\n".join([*comments, begin, "\\hline", head, "\\hline", *body, "\\hline", "\\end{tabular}", ""])
 
 
-FORMATS: Mapping[str, Callable[[ScoreTable], str]] = {
-    "table": ScoreTable.as_markdown,
-    "csv": ScoreTable.as_csv,
-    "json": lambda table: json.dumps(table.as_dict(), indent=1, allow_nan=False) + "\n",
-    "latex": ScoreTable.as_latex,
-}
-"""How a table is printed, by name."""
-ENDINGS = {"table": ".md", "csv": ".csv", "json": ".json", "latex": ".tex"}
-"""Ending of each format's file."""
+def write_tables(
+    tables: Mapping[str, ScoreTable], runs: Sequence[Run], settings: Mapping[str, Any], folder: Path
+) -> None:
+    """Write tables by name in every format, `runs.json` if there are runs, and `settings.json`: all that was set."""
+    documents: dict[str, Any] = {"runs": [asdict(run) for run in runs]} if runs else {}
+    about = {name: {"title": table.title, "notes": list(table.notes)} for name, table in tables.items()}
+    documents["settings"] = {"made_by": MADE_BY, **settings, "tables": about}
+    for name, document in documents.items():
+        (folder / f"{name}.json").write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    for name, table in tables.items():
+        for format, ending in ENDINGS.items():
+            (folder / f"{name}{ending}").write_text(table.text(format), encoding="utf-8")
 
 
 def known_metrics(*scores: Scores) -> list[str]:
@@ -137,36 +134,34 @@ def heading(metric: str) -> str:
 def score_cells(metrics: Sequence[str], before: Scores | None, after: Scores) -> list[Cell]:
     """Return a cell for each metric; a number if there is nothing before. Fidelity has no before."""
     return [
-        after.get(name) if before is None or name == "fidelity" else BeforeAfter(before.get(name), after.get(name))
+        after.get(name) if before is None or name == "fidelity" else (before.get(name), after.get(name))
         for name in metrics
     ]
 
 
 def cell_text(cell: Cell, digits: int) -> str:
-    """Return a cell as text, numbers with some decimals."""
-    if isinstance(cell, BeforeAfter):
-        return f"{cell_text(cell.before, digits)} -> {cell_text(cell.after, digits)}"
-    if isinstance(cell, Interval):
-        ends = "" if cell.low is None else f" [{cell_text(cell.low, digits)}, {cell_text(cell.high, digits)}]"
-        return f"{cell_text(cell.mean, digits)}{ends}"
-    if cell is None:
-        return "-"
+    """Return a cell as text, numbers with some decimals.
+
+    >>> cell_text((1.0, 2.0), 1), cell_text((1.0, 0.5, 2.0), 1), cell_text(None, 1)
+    ('1.0 -> 2.0', '1.0 [0.5, 2.0]', '-')
+    """
+    match cell:
+        case (before, after):
+            return f"{cell_text(before, digits)} -> {cell_text(after, digits)}"
+        case (mean, None, None):
+            return cell_text(mean, digits)
+        case (mean, low, high):
+            return f"{cell_text(mean, digits)} [{cell_text(low, digits)}, {cell_text(high, digits)}]"
+        case None:
+            return "-"
     return f"{cell:.{digits}f}" if isinstance(cell, float) else str(cell)
 
 
-def _latex(cell: Cell, digits: int) -> str:
-    match cell:
-        case str():
-            return _escaped(cell)
-        case None:
-            return "--"
-        case BeforeAfter():
-            return f"{_latex(cell.before, digits)} $\\to$ {_latex(cell.after, digits)}"
-        case Interval(_, None, _):
-            return _latex(cell.mean, digits)
-        case Interval():
-            return f"{_latex(cell.mean, digits)} $[{cell_text(cell.low, digits)}, {cell_text(cell.high, digits)}]$"
-    return f"${cell_text(cell, digits)}$"
+def _mathematics(text: str) -> str:
+    """Return numbers as LaTeX sets them: with signs as long as they should be, and arrows."""
+    if text == "-":
+        return "--"
+    return re.sub(r"-?\d+(\.\d+)?", r"$\g<0>$", text.replace("-> ", r"$\to$ ").replace("- ", "-- "))
 
 
 def _escaped(text: str) -> str:
@@ -176,3 +171,62 @@ def _escaped(text: str) -> str:
     'mIoU (\\%), a\\_b'
     """
     return "".join(_LATEX.get(character, character) for character in printable(text))
+
+
+def unit_scores(runs: Sequence[Run], over: MeanOver) -> dict[str, tuple[Scores, Scores]]:
+    """Return the mean scores before and after of each object or scene, by its name."""
+    units: dict[str, list[Run]] = {}
+    for run in runs:
+        name = f"{run.scene}/{run.object}" if over == "objects" else run.scene
+        units.setdefault(name, []).extend([run] * (run.views if over == "scenes, by view" else 1))
+    return {
+        name: (mean_scores(r.before for r in own), mean_scores(r.after for r in own)) for name, own in units.items()
+    }
+
+
+def interval_of(values: Sequence[float]) -> tuple[float, float | None, float | None]:
+    """Return the mean of values with the ends of its 95 % interval, which are not known for less than two.
+
+    >>> interval_of([1.0, 1.0, 1.0])
+    (1.0, 1.0, 1.0)
+    """
+    numbers = np.asarray(values, np.float64)
+    if len(numbers) < 2:
+        return float(numbers.mean()), None, None
+    drawn = np.random.default_rng(0).integers(0, len(numbers), (_ROUNDS, len(numbers)))
+    low, high = np.percentile(numbers[drawn].mean(axis=1), _ENDS)
+    return float(numbers.mean()), float(low), float(high)
+
+
+def table_of_statistics(
+    title: str,
+    methods: Mapping[str, Sequence[Run]],
+    metrics: Sequence[str],
+    notes: Sequence[str],
+    mean_over: MeanOver = "objects",
+) -> ScoreTable:
+    """Return a row for each method and metric: before, after and gain with intervals, how many trims lose, the worst.
+
+    What is resampled is what the mean is taken over.
+    """
+    units = mean_over.partition(",")[0]
+    rows: list[list[Cell]] = []
+    for method, runs in methods.items():
+        scores = unit_scores(runs, mean_over).values()
+        for name in (name for name in metrics if any(name in after for _, after in scores)):
+            befores, afters = zip(
+                *((before[name], after[name]) for before, after in scores if name in after), strict=True
+            )
+            worst = min((run for run in runs if name in run.after), key=lambda run: run.gain(name))
+            rule = "iou_in_scene" if name.endswith("in_scene") else "iou"
+            gains = [after - before for before, after in zip(befores, afters, strict=True)]
+            losing = sum(run.loses(rule) for run in runs if name in run.after)
+            rows.append([method, METRICS[name], len(befores), *map(interval_of, (befores, afters, gains)),
+                         losing, worst.gain(name), f"{worst.scene}/{worst.object}"])  # fmt: skip
+    columns = ["method", "metric", units, "before", "after", "gain", "losing", "worst gain", "worst object"]
+    own = [
+        f"means over {units} with 95 % intervals: percentiles of {_ROUNDS} bootstrap samples of the {units}, seed 0",
+        f"gain: after - before of the same {units}; losing: trims that gain less than -{LOSS} points of IoU, by that "
+        "rule",
+    ]
+    return ScoreTable(title, columns, rows, [*own, *notes])

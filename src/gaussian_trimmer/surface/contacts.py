@@ -1,8 +1,8 @@
 """Whether two regions that touch, and both stand on a surface of the room, are one thing.
 
 Parts of one thing meet along a contact that is long beside the smaller part, have colours in common, or are small. The
-weights of these three were learned from scenes in which things were put against each other, by
-`benchmarks/joining.py`, which also says how well they do on scenes that they were not learned from.
+weights of these three were learned from scenes in which things were put against each other; docs/objects.md says how
+well they do on scenes that they were not learned from.
 """
 
 from __future__ import annotations
