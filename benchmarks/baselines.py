@@ -29,18 +29,19 @@ from quality import parser_of
 from variants import chosen_variants
 
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.cameras import Camera, only_training
+from gaussian_trimmer.cameras import Camera, only_training, training_cameras
 from gaussian_trimmer.commands.evaluate import Findings, publish
 from gaussian_trimmer.evaluation.ground_truth import read_mask
 from gaussian_trimmer.evaluation.scoring import Judge, cut_by
 from gaussian_trimmer.evaluation.tables import MADE_BY, Cell, ScoreTable, interval_of, unit_scores
-from gaussian_trimmer.evaluation.trials import Run, Trial, evenly_spread, measure
+from gaussian_trimmer.evaluation.trials import Run, Trial, measure
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, concatenate, rotation_matrices
 from gaussian_trimmer.geometry.split import AXIS_LENGTH, SAGD_SHRINKAGE, split_plane
 from gaussian_trimmer.masks.prompts import Prompt
 from gaussian_trimmer.masks.sam import SamConfig, SamSegmenter
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selecting.lifting import sum_label_weights
+from gaussian_trimmer.surface.visible_surface import evenly_spread
 from gaussian_trimmer.views.view import bounding_box
 
 VOTES = 0.7
@@ -155,7 +156,7 @@ def lifted_trials(options: Namespace, overlaps: list[float]) -> Iterator[Trial]:
     model = SamSegmenter(SamConfig(str(options.sam_model))) if options.sam_model else None
     for scene in map(open_scene, options.scenes):
         listed = only_training(read_camera_set(scene.cameras_file))
-        cameras = evenly_spread(listed, options.views) or []
+        cameras = evenly_spread(training_cameras(listed), options.views)
         up = None if scene.up is None else tuple(scene.up.tolist())
         for name in options.objects or scene.objects:
             masks = []

@@ -28,7 +28,7 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.commands.info import describe_file
 from gaussian_trimmer.errors import InputError, clip_name, printable
-from gaussian_trimmer.io.reading import picture_header
+from gaussian_trimmer.io.reading import picture_size
 from gaussian_trimmer.masks.mask_files import find_mask
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection, selection_file
 
@@ -179,8 +179,8 @@ class TestMemory:
 
         header = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 64, 48, 8, 2, 0, 0, 0))
         packed = zlib.compress(bytes(350 << 20), 1)  # 350 MB of zeros
-        assert picture_header(header + chunk(b"IDAT", packed[:100_000])) is not None
-        assert picture_header(header + chunk(b"IDAT", packed)) is None
+        assert picture_size(header + chunk(b"IDAT", packed[:100_000])) is not None
+        assert picture_size(header + chunk(b"IDAT", packed)) is None
 
 
 class TestDamage:

@@ -9,7 +9,7 @@ import pytest
 
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.reading import decoded_picture, picture_header
+from gaussian_trimmer.io.reading import decoded_picture, picture_size
 from gaussian_trimmer.masks.mask_files import find_mask, ids_of, mask_of
 from gaussian_trimmer.masks.photographs import cameras_with_photos, photo_of
 
@@ -41,8 +41,7 @@ def test_sizes_are_those_of_the_decoder(ending, channels):
     shape = (HEIGHT, WIDTH, 3 if ending == ".webp" and channels == 1 else channels)  # WebP has no grey pictures
     picture = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
     data = cv2.imencode(ending, picture)[1].tobytes()
-    header = picture_header(data)
-    assert (header.width, header.height) == (WIDTH, HEIGHT)
+    assert picture_size(data) == (WIDTH, HEIGHT)
     assert decoded_picture(data, cv2.IMREAD_COLOR).shape == (HEIGHT, WIDTH, 3)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from gaussian_trimmer.camera_files.frames import DISTORTION_TOLERANCE, Lens, floats, inverse, make_lens, rigid_transform
 from gaussian_trimmer.cameras import Camera, CameraSet, unit_up
 from gaussian_trimmer.errors import InputError, clip_name
-from gaussian_trimmer.io.reading import file_bytes, is_file, picture_header, read_json
+from gaussian_trimmer.io.reading import file_bytes, is_file, picture_size, read_json
 
 _Frame = tuple[Camera, bool, bool]
 """A camera, whether it took a training image, and whether the lens distorts."""
@@ -146,8 +146,8 @@ def _size_of_image(folder: Path, name: str, where: str, trust_paths: bool) -> di
                 f"{where}: its image '{clip_name(name)}' lies outside the folder of the camera file, so it is not "
                 "opened to find its size; give w and h, or allow it with --trust-paths."
             )
-        if header := picture_header(file_bytes(image, _MAX_PICTURE_BYTES)):
-            return {"w": header.width, "h": header.height}
+        if size := picture_size(file_bytes(image, _MAX_PICTURE_BYTES)):
+            return {"w": size[0], "h": size[1]}
     raise InputError(
         f"{where}: the image size is neither given as w and h nor found from an image '{clip_name(name)}'."
     )

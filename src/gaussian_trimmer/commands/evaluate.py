@@ -217,9 +217,10 @@ class Evaluate:
         seen = {camera.name for folder in folders for camera in cameras_with_masks(cameras, folder)}
         views = [camera for camera in cameras if camera.name in seen]
         file = self.result / "labels.npz" if self.result.is_dir() else self.result
-        found = load_objects(file, scene, self.objects, self.selection_options)
-        ious = 100 * ious_of(shared_pixels(scene, list(found.values()), _truths(views, folders)))
-        numbers, rows = list(found), list[list[Cell]]()
+        labels = load_objects(file, scene, self.objects, self.selection_options)
+        numbers = [int(number) for number in (self.objects or np.unique(labels[labels > 0]))]
+        found = [np.asarray(labels == number) for number in numbers]
+        ious, rows = 100 * ious_of(shared_pixels(scene, found, _truths(views, folders))), list[list[Cell]]()
         for folder, of_true in zip(folders, ious, strict=True):
             number = numbers[int(of_true.argmax())] if of_true.any() else None
             rows.append([clip_name(folder.name), number, float(of_true.max(initial=0))])

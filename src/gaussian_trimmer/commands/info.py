@@ -229,7 +229,7 @@ def _selection_lines(file: SelectionFile, facts: dict[str, Any]) -> Iterator[str
             yield "holds no selection"
         return
     if (classifier := classifier_of(file)) is not None:
-        yield "classifier of {} ids from {} identity features".format(*classifier.weight.shape)
+        yield "classifier of {} ids from {} identity features".format(*classifier[0].shape)
         yield _USES_BY_KIND["classifier"]
         return
     for name, array in list(file.arrays.items())[:_MAX_LISTED]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 
 from gaussian_trimmer.cameras import CameraSet
@@ -169,8 +170,9 @@ class Trim:
         """Return the objects of --labels, as masks (N,) by their ids."""
         assert self.labels is not None
         if not self.labels.is_dir():
-            return load_objects(self.labels, scene, self.objects, self.selection_options)
-        labels, _ = lift_id_masks(scene, cameras, self.labels)
+            labels: NDArray[Any] = load_objects(self.labels, scene, self.objects, self.selection_options)
+        else:
+            labels, _ = lift_id_masks(scene, cameras, self.labels)
         present = [int(number) for number in np.unique(labels) if number > 0]
         if absent := sorted(set(self.objects) - set(present)):
             raise InputError(f"The masks in '{self.labels}' show no object {absent[0]}; they show {present[:24]}.")
@@ -200,5 +202,5 @@ class Trim:
 def _rows_of(path: Path, scene: Gaussians) -> BoolArray:
     """Return which Gaussians of the scene a file for --exclude means, (N,)."""
     if path.suffix == ".npz" and is_trimmed(open_selection(path, len(scene))):
-        return np.asarray(np.any(list(load_objects(path, scene).values()), axis=0))
+        return np.asarray(load_objects(path, scene) > 0)
     return read_selection(path, scene)

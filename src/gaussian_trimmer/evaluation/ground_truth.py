@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
-from gaussian_trimmer.io.reading import decoded_picture, file_bytes, is_file, path_inside, picture_header, reading
+from gaussian_trimmer.io.reading import decoded_picture, file_bytes, is_file, path_inside, picture_size, reading
 from gaussian_trimmer.masks.mask_files import cameras_with_masks, find_mask
 from gaussian_trimmer.views.view import HALF_COVERAGE
 
@@ -255,12 +255,10 @@ def _decoded(path: Path, mode: int) -> tuple[NDArray[np.uint8], bool]:
     """Return the pixels of a picture, and whether it is a JPEG."""
     with reading(path):
         data = file_bytes(path, _MAX_FILE_BYTES)
-    header = picture_header(data)
-    if header is not None and header.n_pixels > _MAX_PIXELS:
-        raise InputError(
-            f"The picture '{path}' has {header.width} x {header.height} pixels, too many; make it smaller."
-        )
-    picture = decoded_picture(data, mode) if header else None
+    size = picture_size(data)
+    if size is not None and size[0] * size[1] > _MAX_PIXELS:
+        raise InputError(f"The picture '{path}' has {size[0]} x {size[1]} pixels, too many; make it smaller.")
+    picture = decoded_picture(data, mode) if size else None
     if picture is None:
         raise InputError(f"'{path}' cannot be read as a picture; masks are best saved as PNG.")
     return np.asarray(picture, np.uint8), data.startswith(_JPEG)

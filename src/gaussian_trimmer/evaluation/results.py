@@ -38,8 +38,8 @@ def read_result(path: Path, scene: Gaussians, options: SelectionOptions | None =
     if is_folder(path):
         return _read_folder(path, scene, options.object_id if options else ())
     if path.name.lower().endswith(tuple(formats.FORMATS)):
-        rows = open_selection(path, len(scene)).rows
-        if rows is not None and MASK not in rows.columns and len(rows) < len(scene):
+        columns = open_selection(path, len(scene)).columns
+        if columns is not None and MASK not in columns and len(columns["x"]) < len(scene):
             return _read_object(path, scene)
     return cut_by(scene, load_selection(path, scene, options))
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.cameras import Camera, CameraSet, only_training, training_cameras
+from gaussian_trimmer.cameras import CameraSet, only_training, training_cameras
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.evaluation.datasets import Protocol, Task, camera_of
 from gaussian_trimmer.evaluation.ground_truth import TestView, view_of
@@ -27,6 +27,7 @@ from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import file_bytes, reading
 from gaussian_trimmer.masks import DEFAULT_SEGMENTER, Segmenter
 from gaussian_trimmer.selection_files import SelectionOptions
+from gaussian_trimmer.surface.visible_surface import evenly_spread
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.result import TrimResult
 from gaussian_trimmer.trimming.trim import trim
@@ -124,7 +125,7 @@ def way_of(
     given = config or TrimConfig()
 
     def trim_it(trial: Trial) -> TrimResult:
-        views = evenly_spread(trial.cameras, training_views) if training_views else None
+        views = evenly_spread(training_cameras(trial.cameras), training_views) if training_views else None
         chosen = given if trial.up is None else replace(given, up=trial.up)
         assert trial.before.selection is not None, "trials begin with a selection"
         return trim(
@@ -153,12 +154,6 @@ def measure(trial: Trial, ways: Mapping[str, Way], judge: Judge, *, fidelity: bo
         after = mean_scores(judge.score_views(cut, trial.views, trial.gaussians if fidelity else None))
         where = trial.scene, trial.object, trial.kind, name
         yield Run(*where, len(trial.views), before, after, seconds, result.refused or "")
-
-
-def evenly_spread(cameras: CameraSet | None, n: int) -> list[Camera] | None:
-    """Return n training cameras, evenly spread over the capture; None if there are none."""
-    listed = training_cameras(cameras)
-    return [listed[i * len(listed) // n] for i in range(n)] if listed else None
 
 
 def trials_of(

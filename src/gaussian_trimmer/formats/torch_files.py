@@ -46,7 +46,6 @@ _ERRORS_OF_DAMAGE = (
 """What `pickle` raises for damaged files, the last two for frames and texts of absurd lengths."""
 
 
-@dataclass(frozen=True, eq=False)
 class _Note:
     """Something that a file refers to; the file cannot change it."""
 

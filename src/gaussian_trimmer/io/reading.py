@@ -14,7 +14,6 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -188,27 +187,16 @@ def member_bytes(archive: zipfile.ZipFile, name: str, limit: int, path: Path) ->
         return file.read(size)  # asked for no more, it inflates no more
 
 
-@dataclass(frozen=True)
-class PictureHeader:
-    """Size that a picture announces, before any turn that its metadata asks for."""
+def picture_size(data: bytes) -> tuple[int, int] | None:
+    """Return width and height that a PNG, JPEG, WebP, BMP or TIFF announces, before its metadata turns it.
 
-    width: int
-    height: int
+    Nothing else, and nothing damaged, has a size.
 
-    @property
-    def n_pixels(self) -> int:
-        """Number of pixels."""
-        return self.width * self.height
-
-
-def picture_header(data: bytes) -> PictureHeader | None:
-    """The size of a PNG, JPEG, WebP, BMP or TIFF; None for anything else, or what is damaged.
-
-    >>> picture_header(b"no picture") is None
+    >>> picture_size(b"no picture") is None
     True
     """
     if size := webp_size(data):
-        return PictureHeader(*size)
+        return size
     # Not Image.open, which warns of large pictures and refuses larger ones before their size can be told.
     from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin, TiffImagePlugin
 
@@ -229,7 +217,7 @@ def picture_header(data: bytes) -> PictureHeader | None:
     most = _FREE_BYTES + _MOST_BYTES_A_PIXEL * image.size[0] * image.size[1]
     if reader is PngImagePlugin.PngImageFile and len(data) > most:
         return None  # the decoder would inflate a thousand times as much, whatever the size says
-    return PictureHeader(*image.size)
+    return image.size
 
 
 def decoded_picture(data: bytes, flags: int) -> NDArray[Any] | None:

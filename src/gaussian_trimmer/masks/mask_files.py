@@ -26,7 +26,7 @@ from gaussian_trimmer.io.reading import (
     file_bytes,
     is_file,
     path_inside,
-    picture_header,
+    picture_size,
     reading,
 )
 from gaussian_trimmer.masks import MaskSource
@@ -182,14 +182,14 @@ def _read(camera: Camera, folder: Path, mode: int) -> NDArray[Any]:
         raise InputError(f"The folder '{folder}' has no mask for the view '{camera.name}'.")
     with reading(path):
         data = file_bytes(path, _MAX_FILE_BYTES)
-    header = picture_header(data)
-    if header is None:
+    size = picture_size(data)
+    if size is None:
         raise _unreadable(path)
     # A picture that its camera turned on its side says its size before the turn; OpenCV turns it back.
-    if sorted((header.width, header.height)) != sorted((camera.width, camera.height)):
-        raise _wrong_size(path, header.width, header.height, camera)
-    if header.n_pixels > MAX_PIXELS:
-        raise InputError(f"The mask '{path}' has {header.width} x {header.height} pixels, too many to decode.")
+    if sorted(size) != sorted((camera.width, camera.height)):
+        raise _wrong_size(path, *size, camera)
+    if size[0] * size[1] > MAX_PIXELS:
+        raise InputError(f"The mask '{path}' has {size[0]} x {size[1]} pixels, too many to decode.")
     picture = decoded_picture(data, mode)
     if picture is None:
         raise _unreadable(path)

@@ -23,7 +23,7 @@ from gaussian_trimmer.io.reading import (
     file_bytes,
     is_file,
     path_inside,
-    picture_header,
+    picture_size,
     reading,
 )
 from gaussian_trimmer.masks import MaskSource, Segmenter, description_of, mask_source_of
@@ -162,14 +162,14 @@ def _read(path: Path) -> NDArray[np.uint8]:
     """Return a picture (H, W, 3), blue first."""
     with reading(path):
         data = file_bytes(path, _MAX_FILE_BYTES)
-    header = picture_header(data)
-    if header and (header.n_pixels > MAX_PIXELS or max(header.width, header.height) > _MAX_SIDE_PIXELS):
+    size = picture_size(data)
+    if size and (size[0] * size[1] > MAX_PIXELS or max(size) > _MAX_SIDE_PIXELS):
         raise InputError(
-            f"The photograph '{path}' has {header.width} x {header.height} pixels, too many to decode; make it smaller."
+            f"The photograph '{path}' has {size[0]} x {size[1]} pixels, too many to decode; make it smaller."
         )
     # As it is stored: cameras are those of the stored pixels, whatever a viewer is told to turn.
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    picture = decoded_picture(data, flags) if header else None
+    picture = decoded_picture(data, flags) if size else None
     if picture is None:
         raise InputError(f"'{path}' is not a picture that can be read.")
     return np.asarray(picture, np.uint8)

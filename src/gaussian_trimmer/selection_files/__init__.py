@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, mask_of_rows
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
 from gaussian_trimmer.selection_files import feature_kinds, kinds
 from gaussian_trimmer.selection_files.labels import check_ids, count_ids
 from gaussian_trimmer.selection_files.selection_file import Kind, SelectionFile, SelectionOptions, flag, open_selection
@@ -23,7 +23,6 @@ from gaussian_trimmer.settings import check_settings
 
 __all__ = ["KINDS", "Kind", "SelectionOptions", "arrays_that_select", "load_objects", "load_selection", "offered_kinds"]
 
-_MAX_OBJECTS = 10_000
 
 Select = Callable[[SelectionFile, Gaussians, SelectionOptions], BoolArray]
 
@@ -84,41 +83,46 @@ def load_selection(
 
 def load_objects(
     path: str | Path, gaussians: Gaussians, ids: Sequence[int] = (), options: SelectionOptions | None = None
-) -> dict[int, BoolArray]:
-    """Return the selection (N,) of each object in a file, by its id.
+) -> IntArray:
+    """Return the id of the object that each Gaussian belongs to by a file, (N,), 0 for none.
 
     Args:
         path: one id a Gaussian in an array, `labels.npz` of a trim, or what a method with several objects saved.
-        ids: the objects that are meant; without them all those with ids above zero.
+        gaussians: the scene.
+        ids: the objects that are meant; without them all those with ids above zero. What several of them have is the
+            first one's.
         options: how the file is read, but for the ids.
 
     Raises:
         InputError: the file cannot be read, does not fit the scene, has not one of the ids, or must be told which.
     """
-    path, options = Path(path), options or SelectionOptions()
-    file = open_selection(path, len(gaussians))
+    path, options, n = Path(path), options or SelectionOptions(), len(gaussians)
+    if wrong := [number for number in ids if number < 1]:
+        raise InputError(f"There is no object {wrong[0]}: ids of objects begin at 1, and 0 is the background.")
+    file, labels = open_selection(path, n), np.zeros(n, np.int64)
     if kinds.is_trimmed(file) and options.property is None:
-        rows = kinds.rows_of_objects(file, len(gaussians))
+        rows = kinds.rows_of_objects(file, n)
         if ids:
             check_ids(ids, list(rows), [len(found) for found in rows.values()], path)
-        return {number: mask_of_rows(rows[number], len(gaussians)) for number in (ids or rows)}
-    labels = file.vector(options, *kinds.LABEL_NAMES) if options.kind in ("auto", "labels") else None
-    if labels is not None and labels.dtype.kind in "iu" and len(labels) == len(gaussians):
-        present, counts = count_ids(labels)
+        for number in reversed(list(ids or rows)):
+            labels[rows[number]] = number
+        return labels
+    given = file.vector(options, *kinds.LABEL_NAMES) if options.kind in ("auto", "labels") else None
+    if given is not None and given.dtype.kind in "iu" and len(given) == n:
         if ids:
-            check_ids(ids, present, counts, path)
-        wanted = list(ids) or [number for number in present if number > 0]
-        if not wanted:
+            check_ids(ids, *count_ids(given), path)
+        labels = np.where(np.isin(given, ids) if len(ids) else given > 0, given, 0).astype(np.int64)
+        if not labels.any():
             raise InputError(f"'{path.name}' holds no object: no id is above zero, and 0 is the background.")
-        if len(wanted) > _MAX_OBJECTS:
-            raise InputError(f"'{path.name}' holds {len(wanted)} objects; choose at most {_MAX_OBJECTS} by their ids.")
-        return {number: np.asarray(labels == number) for number in wanted}
+        return labels
     if not ids:
         load_selection(path, gaussians, options)  # says which ids there are, where the kind knows
         raise InputError(
             f"'{path.name}' is the selection of one object: give it without --labels, or name ids with --objects ID ..."
         )
-    return {number: load_selection(path, gaussians, replace(options, object_id=(number,))) for number in ids}
+    for number in reversed(ids):
+        labels[load_selection(path, gaussians, replace(options, object_id=(number,)))] = number
+    return labels
 
 
 def arrays_that_select(file: SelectionFile, n: int, options: SelectionOptions) -> list[str]:
@@ -146,14 +150,14 @@ def offered_kinds(file: SelectionFile, n: int, options: SelectionOptions) -> lis
     if kinds.is_trimmed(file) and options.property is None:
         return ["trimmed"]
     by_features = options.classifier is not None or options.query_row is not None
-    with_mask = file.rows is not None and kinds.MASK in file.rows.columns
+    with_mask = file.columns is not None and kinds.MASK in file.columns
     weights = kinds.flashsplat_weights(file)
     offered = {
         "mask": _may_be_mask(file.vector(options, *kinds.MASK_NAMES), n, options),
         "labels": _may_be_labels(file, n, options),
         "indices": _may_be_indices(file.vector(options, *kinds.INDEX_NAMES), n, file.is_list),
-        "subset": file.rows is not None and not (by_features or options.property is not None or with_mask),
-        "property": file.rows is not None and not by_features and (options.property is not None or with_mask),
+        "subset": file.columns is not None and not (by_features or options.property is not None or with_mask),
+        "property": file.columns is not None and not by_features and (options.property is not None or with_mask),
         "classifier": feature_kinds.classifier_of(file) is not None
         or (file.has_features and options.classifier is not None),
         "similarity": file.has_features and options.query_row is not None,

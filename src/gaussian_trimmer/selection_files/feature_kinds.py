@@ -9,8 +9,6 @@ a bare weight (256, 16). In COB-GS's checkpoint `chkpnt<iteration>.pth`, entry 7
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from gaussian_trimmer.errors import InputError
@@ -30,19 +28,9 @@ _FEATURES = 16
 _PROBABILITIES_AT_ONCE = 1 << 22
 
 
-@dataclass(frozen=True, eq=False)
-class LinearClassifier:
-    """Logits of K object ids as a linear function of D features."""
-
-    weight: FloatArray
-    """(K, D)."""
-    bias: FloatArray
-    """(K,)."""
-
-
 @np.errstate(over="ignore", invalid="ignore")  # what becomes infinite is found where it is used
-def classifier_of(file: SelectionFile) -> LinearClassifier | None:
-    """Return the classifier that a file holds, or None if it holds something else."""
+def classifier_of(file: SelectionFile) -> tuple[FloatArray, FloatArray] | None:
+    """Return weight (K, D) and bias (K,) of the linear classifier that a file holds, or None if it holds none."""
     if "weight" in file.arrays:
         weight, bias = file.arrays["weight"], file.arrays.get("bias")
     elif len(file.arrays) == 1:
@@ -55,7 +43,7 @@ def classifier_of(file: SelectionFile) -> LinearClassifier | None:
         return None
     weight = np.asarray(weight.reshape(weight.shape[:2]), np.float32)
     bias = np.zeros(len(weight), np.float32) if bias is None else np.asarray(bias, np.float32)
-    return LinearClassifier(weight, bias) if bias.shape == (len(weight),) else None
+    return (weight, bias) if bias.shape == (len(weight),) else None
 
 
 def select_classifier(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
@@ -71,20 +59,21 @@ def select_classifier(file: SelectionFile, gaussians: Gaussians, options: Select
             f"'{source.path.name}' holds no classifier of identity features; give the method's classifier.pth with "
             f"{flag('classifier')}."
         )
-    if not all((np.abs(values) <= LARGEST).all() for values in (classifier.weight, classifier.bias)):
+    weight, bias = classifier
+    if not all((np.abs(values) <= LARGEST).all() for values in classifier):
         raise InputError(f"'{source.path.name}' holds weights that are NaN, infinite or huge; train again.")
     features, rows = _features_and_rows(file, gaussians)
-    if features.shape[1] != classifier.weight.shape[1]:
+    if features.shape[1] != weight.shape[1]:
         raise InputError(
-            f"'{source.path.name}' classifies {classifier.weight.shape[1]} features, but a Gaussian has "
+            f"'{source.path.name}' classifies {weight.shape[1]} features, but a Gaussian has "
             f"{features.shape[1]}; give the classifier of the same training."
         )
     threshold = _PROBABILITY if options.threshold is None else options.threshold
-    ids = range(len(classifier.bias))
+    ids = range(len(bias))
     counts, chosen = np.zeros(len(ids), np.int64), np.zeros(len(features), np.bool_)
     step = max(1, min(1 << 14, _PROBABILITIES_AT_ONCE // max(1, len(ids))))
     for start in range(0, len(features), step):
-        logits = features[start : start + step] @ classifier.weight.T + classifier.bias
+        logits = features[start : start + step] @ weight.T + bias
         odds = np.exp(logits - logits.max(axis=1, keepdims=True))
         likely = odds / odds.sum(axis=1, keepdims=True) > threshold
         counts += likely.sum(axis=0)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, mask_of_rows
 from gaussian_trimmer.selection_files.labels import assign_labels, check_ids, list_names, select_ids
-from gaussian_trimmer.selection_files.row_matching import match_changed_rows
+from gaussian_trimmer.selection_files.row_matching import attributes_of, match_changed_rows
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, SelectionOptions, flag
 
 CLUSTERS = "leaf_ind"
@@ -162,15 +162,15 @@ def select_subset(file: SelectionFile, gaussians: Gaussians, options: SelectionO
     Raises:
         InputError: the file holds no splats, as many as the scene or more, or mostly rows that are not in the scene.
     """
-    if file.rows is None:
+    if file.columns is None:
         raise InputError(f"'{file.path.name}' holds no splats.")
-    if len(file.rows) >= len(gaussians):
+    if (n := len(file.columns["x"])) >= len(gaussians):
         hint = f"{flag('classifier')} or {flag('query_row')}" if file.has_features else flag("property")
         raise InputError(
-            f"'{file.path.name}' holds {len(file.rows)} Gaussians and the scene {len(gaussians)}, so it is not a part "
+            f"'{file.path.name}' holds {n} Gaussians and the scene {len(gaussians)}, so it is not a part "
             f"of the scene; to select by what its Gaussians carry, use {hint}."
         )
-    found, notes = match_changed_rows(file.rows, gaussians, file.path)
+    found, notes = match_changed_rows(attributes_of(file.columns), gaussians, file.path)
     file.notes.extend(notes)
     return mask_of_rows(found[found >= 0], len(gaussians))
 
@@ -181,15 +181,15 @@ def select_property(file: SelectionFile, gaussians: Gaussians, options: Selectio
     Raises:
         InputError: the file has no such property, rows that are not the scene's, or no Gaussians of an id.
     """
-    if file.rows is None:
+    if file.columns is None:
         raise InputError(f"'{file.path.name}' holds no splats, so it has no properties.")
     name = options.property or MASK
-    if name not in file.rows.columns:
+    if name not in file.columns:
         raise InputError(
             f"'{file.path.name}' has no property '{clip_name(name)}'; choose with {flag('property')} among: "
-            f"{list_names(file.rows.columns)}."
+            f"{list_names(file.columns)}."
         )
-    values = np.asarray(file.rows.columns[name])
+    values = np.asarray(file.columns[name])
     if options.object_id:
         if not ((values == np.rint(values)) & (np.abs(values) <= _LARGEST_ID)).all():
             raise InputError(

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Container, Iterator, Mapping
-from dataclasses import dataclass
 from functools import partial
 from itertools import count, takewhile
 from pathlib import Path
@@ -55,8 +54,7 @@ def match_rows(rows: Columns, gaussians: Gaussians, path: Path) -> IntArray:
     Raises:
         InputError: rows match no scene row.
     """
-    file = SplatRows(rows, rows)
-    found = _match_equal(file, np.arange(len(file)), gaussians, np.arange(len(gaussians)))
+    found = _match_equal(rows, np.arange(len(rows["x"])), gaussians, np.arange(len(gaussians)))
     lost = np.flatnonzero(found == _UNMATCHED)
     if len(lost):
         raise InputError(
@@ -66,17 +64,18 @@ def match_rows(rows: Columns, gaussians: Gaussians, path: Path) -> IntArray:
     return found
 
 
-def match_changed_rows(rows: SplatRows, gaussians: Gaussians, path: Path) -> tuple[IntArray, list[str]]:
+def match_changed_rows(rows: Columns, gaussians: Gaussians, path: Path) -> tuple[IntArray, list[str]]:
     """Return the scene row of rows whose Gaussians may have been changed, (M,), -1 for none, and notes on that.
 
     Raises:
         InputError: half of the rows or more match no scene row even so.
     """
-    found, notes = np.full(len(rows), _UNMATCHED), []
+    n = len(rows["x"])
+    found, notes = np.full(n, _UNMATCHED), list[str]()
     for match, said in (
         (_match_equal, ""),
         (partial(_match_equal, moved=True), ""),
-        (_match_nearest, f"of {len(rows)} rows by the nearest Gaussian"),
+        (_match_nearest, f"of {n} rows by the nearest Gaussian"),
         (_match_parents, "as parts of split Gaussians"),
     ):
         lost, free = np.flatnonzero(found == _UNMATCHED), np.setdiff1d(np.arange(len(gaussians)), found)
@@ -86,9 +85,9 @@ def match_changed_rows(rows: SplatRows, gaussians: Gaussians, path: Path) -> tup
                 notes.append(f"{matched} {said}")
     if len(lost := np.flatnonzero(found == _UNMATCHED)):
         notes.append(f"{len(lost)} {MATCH_NOTHING}")
-    if len(lost) > _MAX_LOST * len(rows):
+    if len(lost) > _MAX_LOST * n:
         raise InputError(
-            f"{len(lost)} of the {len(rows)} rows of '{path.name}' match no row of the scene, neither exactly nor by "
+            f"{len(lost)} of the {n} rows of '{path.name}' match no row of the scene, neither exactly nor by "
             f"colour, opacity and rotation, nor nearly (the first is row {lost[0]}); give the scene that they were cut "
             "from, and export the cut-out without moving or scaling it."
         )
@@ -96,7 +95,7 @@ def match_changed_rows(rows: SplatRows, gaussians: Gaussians, path: Path) -> tup
 
 
 def _match_equal(
-    rows: SplatRows, wanted: IntArray, gaussians: Gaussians, free: IntArray, *, moved: bool = False
+    rows: Columns, wanted: IntArray, gaussians: Gaussians, free: IntArray, *, moved: bool = False
 ) -> IntArray:
     """Return the scene row that equals each wanted row, (W,), -1 for none.
 
@@ -108,10 +107,10 @@ def _match_equal(
         moved: leave places and sizes out; a row for which more scene rows are equal than are asked for has none then.
     """
     scene, found = gaussian_columns(gaussians), np.full(len(wanted), _UNMATCHED)
-    names = [name for name in scene if name in rows.attributes and not (moved and name in _CHANGED_BY_MOVING)]
+    names = [name for name in scene if name in rows and not (moved and name in _CHANGED_BY_MOVING)]
     if not names:
         return found
-    row_hashes, scene_hashes = _hashes(rows.attributes, names)[wanted], _hashes(scene, names)[free]
+    row_hashes, scene_hashes = _hashes(rows, names)[wanted], _hashes(scene, names)[free]
     row_order, scene_order = np.argsort(row_hashes, kind="stable"), np.argsort(scene_hashes, kind="stable")
     sorted_rows, sorted_scene = row_hashes[row_order], scene_hashes[scene_order]
     # The j-th of several equal rows takes the j-th of the equal scene rows.
@@ -139,7 +138,7 @@ def _hashes(columns: Columns, names: list[str]) -> NDArray[np.uint64]:
     return hashes
 
 
-def _match_nearest(rows: SplatRows, wanted: IntArray, gaussians: Gaussians, free: IntArray) -> IntArray:
+def _match_nearest(rows: Columns, wanted: IntArray, gaussians: Gaussians, free: IntArray) -> IntArray:
     """Return the nearest scene row within the tolerances, (W,), -1 for none; arguments as of `_match_equal`."""
     found, scene = np.full(len(wanted), _UNMATCHED), gaussians.select(free)
     low, high = np.quantile(gaussians.means, _ENDS, axis=0)
@@ -158,7 +157,7 @@ def _match_nearest(rows: SplatRows, wanted: IntArray, gaussians: Gaussians, free
     return found
 
 
-def _match_parents(rows: SplatRows, wanted: IntArray, gaussians: Gaussians, free: IntArray) -> IntArray:
+def _match_parents(rows: Columns, wanted: IntArray, gaussians: Gaussians, free: IntArray) -> IntArray:
     """Return the scene row that each row may be a part of, (W,), -1 for none; one of several parts takes none."""
     found, largest = np.full(len(wanted), _UNMATCHED), np.exp(gaussians.largest_log_scales)
     for part, beside, distances, differences in _neighbours(rows, wanted, gaussians):
@@ -172,19 +171,19 @@ def _match_parents(rows: SplatRows, wanted: IntArray, gaussians: Gaussians, free
 
 
 def _neighbours(
-    rows: SplatRows, wanted: IntArray, scene: Gaussians
+    rows: Columns, wanted: IntArray, scene: Gaussians
 ) -> Iterator[tuple[slice, IntArray, Float64Array, FloatArray]]:
     """Give, of a part of the wanted rows at a time, (C,): the nearest rows of the scene, (C, K), their distances,
     (C, K), and by how much sizes, colours and opacity exceed theirs, in tolerances, (C, K, 7).
 
     Nothing where the file lacks an attribute.
     """
-    if not len(wanted) or not len(scene) or any(name not in rows.attributes for name in _COMPARED_NEARBY):
+    if not len(wanted) or not len(scene) or any(name not in rows for name in _COMPARED_NEARBY):
         return
     from gaussian_trimmer.geometry.neighbours import nearest  # late, since most files match exactly
 
-    mine, theirs = _features(rows.attributes, wanted), _features(gaussian_columns(scene), slice(None))
-    places = np.column_stack([np.asarray(rows.attributes[axis][wanted], np.float32) for axis in "xyz"])
+    mine, theirs = _features(rows, wanted), _features(gaussian_columns(scene), slice(None))
+    places = np.column_stack([np.asarray(rows[axis][wanted], np.float32) for axis in "xyz"])
     places = np.nan_to_num(places, nan=1e15, posinf=1e15, neginf=-1e15)
     for start in range(0, len(wanted), _ROWS_PER_CHUNK):
         part = slice(start, start + _ROWS_PER_CHUNK)
@@ -202,21 +201,8 @@ def _features(columns: Columns, rows: IntArray | slice) -> FloatArray:
     return np.asarray(np.concatenate([sizes, colours, opacities], axis=1), np.float32)
 
 
-@dataclass(frozen=True, eq=False)
-class SplatRows:
-    """The M rows of a splat file that serves as a selection."""
-
-    attributes: Columns
-    """What is drawn, by which rows are matched with those of the scene."""
-    columns: Columns
-    """Everything that the file holds, by the file's names."""
-
-    def __len__(self) -> int:
-        return len(self.attributes["x"])
-
-
-def read_splat_rows(path: Path) -> SplatRows:
-    """Return rows of a PLY with at least x, y and z, or of any other splat file.
+def read_splat_columns(path: Path) -> Columns:
+    """Return all columns of a PLY with at least x, y and z, or of any other splat file.
 
     Raises:
         InputError: the file cannot be read, or has no positions.
@@ -228,10 +214,9 @@ def read_splat_rows(path: Path) -> SplatRows:
             columns = read_columns(path, header)
             if missing := {"y", "z"} - columns.keys():
                 raise InputError(f"'{path}' has no property {min(missing)}, so its rows cannot be told apart.")
-            return SplatRows(_attributes(columns), columns)
+            return columns
     gaussians = formats.read(path)
-    attributes = gaussian_columns(gaussians)
-    return SplatRows(attributes, {**attributes, **gaussians.extras})
+    return {**gaussian_columns(gaussians), **gaussians.extras}
 
 
 def gaussian_columns(gaussians: Gaussians) -> dict[str, NDArray[Any]]:
@@ -259,8 +244,11 @@ def identity_features(columns: Columns) -> FloatArray | None:
     return np.column_stack([np.asarray(columns[name], np.float32) for name in names])
 
 
-def _attributes(columns: Columns) -> dict[str, NDArray[Any]]:
-    """Return the attributes among PLY columns; f_rest is channel-major, so its numbering depends on the degree."""
+def attributes_of(columns: Columns) -> Columns:
+    """Return what is drawn among the columns of a file, by which rows are matched with those of the scene.
+
+    f_rest is channel-major, so its numbering depends on the degree.
+    """
     renamed = dict(columns)
     n_rest = sum(name.startswith("f_rest_") for name in columns)
     if n_rest % 3 == 0 and all(f"f_rest_{i}" in columns for i in range(n_rest)):

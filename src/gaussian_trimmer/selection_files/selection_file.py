@@ -18,11 +18,12 @@ from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
 from gaussian_trimmer.io.reading import is_file, reading
 from gaussian_trimmer.selection_files.read_array import read_json, read_npy, read_npz, read_text
 from gaussian_trimmer.selection_files.row_matching import (
-    SplatRows,
+    Columns,
+    attributes_of,
     has_identity_features,
     identity_features,
     match_rows,
-    read_splat_rows,
+    read_splat_columns,
 )
 from gaussian_trimmer.settings import Range
 
@@ -80,7 +81,8 @@ class SelectionFile:
     path: Path
     arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     """Arrays by name; the only array of a file without names has the name ''."""
-    rows: SplatRows | None = None
+    columns: Columns | None = None
+    """All columns of a splat file, each (M,)."""
     checkpoint: Checkpoint | None = None
     is_list: bool = False
     """Whether the numbers are a list that somebody wrote, in which some may stand twice."""
@@ -90,15 +92,15 @@ class SelectionFile:
     @property
     def has_features(self) -> bool:
         """Return whether the file's own Gaussians have identity features; cheaper than reading them."""
-        if self.rows is not None:
-            return has_identity_features(self.rows.columns)
+        if self.columns is not None:
+            return has_identity_features(self.columns)
         return self.checkpoint is not None and self.checkpoint.features is not None
 
     @property
     def features(self) -> FloatArray | None:
         """Identity features of the file's own Gaussians, (M, D), or None."""
-        if self.rows is not None:
-            return identity_features(self.rows.columns)
+        if self.columns is not None:
+            return identity_features(self.columns)
         return self.checkpoint.features if self.checkpoint is not None else None
 
     def scene_rows(self, gaussians: Gaussians) -> IntArray:
@@ -109,8 +111,8 @@ class SelectionFile:
         """
         if self.checkpoint is not None:
             return match_rows(dict(zip("xyz", self.checkpoint.gaussians.means.T, strict=True)), gaussians, self.path)
-        assert self.rows is not None, "only files with Gaussians have rows"
-        return match_rows(self.rows.attributes, gaussians, self.path)
+        assert self.columns is not None, "only files with Gaussians have rows"
+        return match_rows(attributes_of(self.columns), gaussians, self.path)
 
     def vector(self, options: SelectionOptions, *names: str) -> NDArray[Any] | None:
         """Return the one-dimensional array that may be the selection, (M,), or None.
@@ -133,7 +135,7 @@ class SelectionFile:
     def content(self) -> str:
         """Return what the file holds, for messages."""
         if not self.arrays:
-            return "splats" if self.rows is not None else "a checkpoint"
+            return "splats" if self.columns is not None else "a checkpoint"
         listed = [f"{clip_name(name) or 'one'}: {array.dtype} {array.shape}" for name, array in self.arrays.items()]
         more = f"; and {len(listed) - _LISTED_ARRAYS} more" if len(listed) > _LISTED_ARRAYS else ""
         return f"the arrays ({'; '.join(listed[:_LISTED_ARRAYS])}{more})"
@@ -167,7 +169,7 @@ def _open(path: Path, n: int | None) -> SelectionFile:
     if suffix in TORCH_SUFFIXES:
         return _read_torch(path)
     if identify(path).kind == "splats":
-        return SelectionFile(path, rows=read_splat_rows(path))
+        return SelectionFile(path, columns=read_splat_columns(path))
     if suffix == ".json":
         return SelectionFile(path, {"": read_json(path)}, is_list=True)
     raise InputError(
