@@ -9,6 +9,7 @@ against. Whatever is measured runs in a process of its own, from the start of th
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import platform
@@ -28,7 +29,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.batch.processes import cores
+from gaussian_trimmer.batch.engines import cores
 from gaussian_trimmer.gaussians import rotation_matrices
 from gaussian_trimmer.io.reading import is_file
 from gaussian_trimmer.output.engines import turned
@@ -104,7 +105,7 @@ def measure(engine: str, workers: int, manifest: Path, arguments: Namespace) -> 
     else:
         command = [sys.executable, "-m", "gaussian_trimmer", "batch", str(manifest), "--output", str(output), "--quiet"]
         command += ["--engine", engine, "--workers", str(workers)]
-        command += ["--no-background"] if arguments.no_background else []
+        command += ["--options", "--no-write-background"] if arguments.no_background else []
     start = time.perf_counter()
     process = subprocess.Popen(command)
     peak = _Peak(process.pid)
@@ -170,11 +171,12 @@ def loop_over(manifest: Path, output: Path) -> None:
     import gaussian_trimmer as gt
 
     scene, path = None, ""
-    for item in gt.batch.read_manifest(manifest):
-        if item.scene != path:
-            scene, path = gt.read(item.scene), item.scene
-        assert scene is not None and item.selection is not None
-        gt.trim(scene, gt.read_selection(item.selection, scene), config=item.config).save(output / item.name)
+    for row in csv.DictReader(manifest.open(encoding="utf-8")):
+        if row["scene"] != path:
+            scene, path = gt.read(manifest.parent / row["scene"]), row["scene"]
+        assert scene is not None
+        rough, up = gt.read_selection(manifest.parent / row["selection"], scene), tuple(map(float, row["up"].split()))
+        gt.save(gt.trim(scene, rough, up=up), output / row["name"])
 
 
 if __name__ == "__main__":

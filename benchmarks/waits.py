@@ -196,7 +196,7 @@ TASKS: dict[str, Callable[[Wait], float]] = {
     "click": click,
     "click in a scene of 1 million": click_in_a_million,
     "batch, an item on two processes": batch,
-    "batch without backgrounds": lambda wait: batch(wait, "--no-background"),
+    "batch without backgrounds": lambda wait: batch(wait, "--options", "--no-write-background"),
 }
 OF_AN_OBJECT = ("command", "trim", "trim without fit and background", "trim in a scene of 3 million", "click")
 """Tasks that are measured for each object."""

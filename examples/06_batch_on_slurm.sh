@@ -7,4 +7,4 @@
 # Tasks that are killed or run out of time lose nothing that is finished: submit the same line again.
 set -euo pipefail
 python -m gaussian_trimmer batch "$1" --output "$2" --shard "$SLURM_ARRAY_TASK_ID/$SLURM_ARRAY_TASK_COUNT" \
-    --workers "$SLURM_CPUS_PER_TASK" --memory 30 --time-limit 600
+    --workers "$SLURM_CPUS_PER_TASK"

@@ -5,8 +5,6 @@ import re
 import subprocess
 import sys
 import time
-from concurrent.futures import Future
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,6 @@ import toy
 
 import gaussian_trimmer
 from gaussian_trimmer import formats
-from gaussian_trimmer.batch.trimming import ItemTrimmer
 
 QUICK = "--plan.size 96 --views 2 --refine off"
 SLOW = "--plan.size 256 --views 4 --refine off"
@@ -39,30 +36,9 @@ def write_manifest(folder, names, options=QUICK, file="manifest.csv"):
     return folder / file
 
 
-class InlineProcesses:
-    """In place of `LocalProcesses`: trims everything in this process."""
-
-    workers, lost = 1, BrokenProcessPool
-
-    def __init__(self, workers, options):
-        self._options = options
-
-    def start(self, need):
-        self._trimmer = ItemTrimmer(**self._options)
-        return self
-
-    def submit(self, item):
-        future = Future()
-        future.set_result(self._trimmer.trim(item))
-        return future
-
-    def fits(self, need):
-        return True
-
-    def end(self):
-        pass
-
-    close = end
+def inline(function, tasks, workers=None):
+    """In place of `on_processes`: calls the function in this process."""
+    yield from ((number, function(*task)) for number, task in enumerate(tasks))
 
 
 def start(manifest, output, *options):
@@ -100,9 +76,10 @@ def fresh_of(out):
 
 
 def contents(output):
-    """All files of the items, by path."""
+    """All files of the items, by path, but those that hold times."""
     root = output / "items"
-    return {p.relative_to(root).as_posix(): p.read_bytes() for p in root.rglob("*") if p.is_file()}
+    files = (path for path in root.rglob("*") if path.is_file() and path.name not in ("report.json", "manifest.json"))
+    return {path.relative_to(root).as_posix(): path.read_bytes() for path in files}
 
 
 def until(condition, seconds=120.0):
@@ -146,4 +123,4 @@ def parts(output):
 
 def n_finished(output):
     """Number of items that are there."""
-    return len(list(output.glob("items/*/item.json")))
+    return len(list(output.glob("items/*/report.json")))

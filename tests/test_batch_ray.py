@@ -1,47 +1,39 @@
-"""Batches on a Ray cluster that is started here: the same bytes as on local processes, and lost tasks."""
+"""Batches on a Ray cluster that is started here: the same bytes as in this process, and lost tasks."""
 
 import os
 import sys
 
 import pytest
 import toy
-from batch_runs import InlineProcesses, contents, save_scenes, write_manifest
+from batch_runs import contents, fresh_of, inline, save_scenes, write_manifest
+from command_line import run
 
-import gaussian_trimmer as gt
-from gaussian_trimmer.batch import running
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.batch.engines import on_ray
+from gaussian_trimmer.commands import batch as command
 
 ray = pytest.importorskip("ray")
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a cluster needs Linux")
 
 
-class Deadly:
-    """An `ItemTrimmer` whose process dies."""
-
-    def __init__(self, **options):
-        pass
-
-    def trim(self, item):
-        os._exit(1)
-
-
 @pytest.mark.smoke
-def test_the_same_bytes_as_local(tmp_path, monkeypatch):
-    items = gt.batch.read_manifest(write_manifest(tmp_path, save_scenes(tmp_path, 2, 1)))
-    outcomes = gt.batch.run(items, tmp_path / "ray", engine="ray", workers=1)
-    assert [(outcome.state, outcome.fresh) for outcome in outcomes] == [("done", True)] * 2
-    monkeypatch.setattr(running, "LocalProcesses", InlineProcesses)
+def test_the_same_bytes_as_local(tmp_path, monkeypatch, capsys):
+    words = ["batch", write_manifest(tmp_path, save_scenes(tmp_path, 2, 1)), "--output"]
+    assert run(*words, tmp_path / "ray", "--engine", "ray", "--workers", 1) == 0
+    assert fresh_of(capsys.readouterr().out) == 2
+    assert not ray.is_initialized()
+    monkeypatch.setattr(command, "on_processes", inline)
     with toy.one_thread():
-        gt.batch.run(items, tmp_path / "local")
+        assert run(*words, tmp_path / "local") == 0
     assert contents(tmp_path / "ray") == contents(tmp_path / "local")
 
 
-def test_what_cannot_be_had(tmp_path, monkeypatch):
-    with pytest.raises(InputError, match="no Ray cluster at"):
-        gt.batch.run([gt.batch.Item("a.ply")], tmp_path, engine="ray", address="127.0.0.1:1")
+def test_what_cannot_be_had(tmp_path, monkeypatch, capsys):
+    words = ["batch", write_manifest(tmp_path, save_scenes(tmp_path, 1, 1)), "--output", tmp_path, "--engine", "ray"]
+    assert run(*words, "--address", "127.0.0.1:1") == 2
+    assert "no Ray cluster at" in capsys.readouterr().err
     monkeypatch.setattr(ray, "init", refuse)
-    with pytest.raises(InputError, match="timed out during startup"):
-        gt.batch.run([gt.batch.Item("a.ply")], tmp_path, engine="ray")
+    assert run(*words) == 2
+    assert "timed out during startup" in capsys.readouterr().err
 
 
 def refuse(**options):
@@ -49,13 +41,11 @@ def refuse(**options):
 
 
 @pytest.mark.slow
-def test_a_scene_that_no_node_has_memory_for_and_a_task_that_is_lost(tmp_path, monkeypatch):
-    items = [gt.batch.Item("gone.ply", name="a")]
-    with monkeypatch.context() as patch:
-        patch.setattr("gaussian_trimmer.batch.running.scene_need", lambda *scene: 1e15)
-        with pytest.raises(InputError, match="no node of the cluster has more"):
-            gt.batch.run(items, tmp_path, engine="ray", workers=1)
-    assert not ray.is_initialized()
-    monkeypatch.setattr("gaussian_trimmer.batch.ray_cluster.ItemTrimmer", Deadly)
-    (outcome,) = gt.batch.run(items, tmp_path, engine="ray", workers=1, retries=0)
-    assert "died" in outcome.message
+def test_a_task_that_is_lost_costs_no_other():
+    def answer_or_die(dies):  # within, so that the cluster need not import this file
+        if dies:
+            os._exit(1)
+        return "alive"
+
+    found = dict(on_ray(answer_or_die, [(False,), (True,), (False,)], workers=1))
+    assert (found[0], found[2]) == ("alive", "alive") and found[1].startswith("Its process was lost")

@@ -6,14 +6,13 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from gaussian_trimmer import cli
-from gaussian_trimmer.batch.ray_cluster import _connect
+from gaussian_trimmer.batch.engines import _cluster
 from gaussian_trimmer.io.stop_signals import Stopped, stop_signals_raised
 from gaussian_trimmer.io.writing import atomic_folder, write_whole
 
@@ -89,10 +88,10 @@ def test_a_signal_while_ray_starts_waits_until_it_has_started_and_shuts_it_down(
         time.sleep(0.1)
         happened.append("started")
 
-    stand_in = SimpleNamespace(init=init, is_initialized=lambda: False, shutdown=lambda: happened.append("shut down"))
+    stand_in = SimpleNamespace(init=init, shutdown=lambda: happened.append("shut down"))
     monkeypatch.setitem(sys.modules, "ray", stand_in)
-    with stop_signals_raised() as received, pytest.raises(Stopped), ThreadPoolExecutor(1) as thread:
-        _connect(None, thread)
+    with stop_signals_raised() as received, pytest.raises(Stopped), _cluster(None, None):
+        pass
     assert received == [number]
     assert happened == ["started", "shut down"]
     assert signal.getsignal(signal.SIGTERM) == before

@@ -160,9 +160,8 @@ class TestCommands:
         assert run("trim", PLAYBOT, tmp_path / "top.npy", *words) == 0
         assert len(formats.read(tmp_path / "out" / "object.ply")) > 0
         assert json.loads((tmp_path / "out" / "report.json").read_text())["inputs"]["level"] == 1
-        rows = [{"scene": str(PLAYBOT), "selection": str(tmp_path / "top.npy"), "options": ["--level", "1"]}]
-        (tmp_path / "a.jsonl").write_text("\n".join(map(json.dumps, rows)))
-        assert run("batch", tmp_path / "a.jsonl", "--output", tmp_path / "batch", "--workers", "1") == 0
+        (tmp_path / "a.csv").write_text(f"scene,selection,options\n{PLAYBOT},{tmp_path / 'top.npy'},--level 1\n")
+        assert run("batch", tmp_path / "a.csv", "--output", tmp_path / "batch", "--workers", "1") == 0
 
 
 def test_real_captures() -> None:

@@ -18,7 +18,6 @@ from gaussian_trimmer.lazy_import import late_attributes
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:  # `typing` takes longer to import than all that is imported here
-    from gaussian_trimmer import batch
     from gaussian_trimmer.camera_files import cameras_from_arrays
     from gaussian_trimmer.camera_files import read_camera_set as read_cameras
     from gaussian_trimmer.errors import InputError
@@ -43,7 +42,6 @@ __all__ = [
     "TrimConfig",
     "TrimResult",
     "__version__",
-    "batch",
     "cameras_from_arrays",
     "chosen_objects",
     "describe",
@@ -65,7 +63,6 @@ _LATE = {
     "InputError": "gaussian_trimmer.errors:InputError",
     "TrimConfig": "gaussian_trimmer.trimming.config:TrimConfig",
     "TrimResult": "gaussian_trimmer.trimming.result:TrimResult",
-    "batch": "gaussian_trimmer.batch",
     "cameras_from_arrays": "gaussian_trimmer.camera_files:cameras_from_arrays",
     "chosen_objects": "gaussian_trimmer.finding.editing:chosen_objects",
     "describe": "gaussian_trimmer.output.report:describe",

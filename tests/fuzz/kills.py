@@ -55,7 +55,7 @@ write_private(output / "kept" / "project.json", project_as_json(session.now, out
 save(session.now, output / "results", overwrite=True)
 """
 QUICK = ["--plan.size", "96", "--plan.views", "2", "--refine", "off", "--up", "z", "--quiet", "--overwrite"]
-TIMES = ("report.json", "manifest.json", "records", "summary.csv", "summary.html")
+TIMES = ("report.json", "manifest.json", "summary.csv")
 """What holds times, or sizes of files with times."""
 MINE = "mine.txt"
 SECONDS = 600.0

@@ -24,10 +24,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits
 from gaussian_trimmer.app.project import project_as_json, read_project, restore
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.batch.items import Item
-from gaussian_trimmer.batch.manifest import read_manifest
-from gaussian_trimmer.batch.store import ITEM, Outcome, Store, write_finished
-from gaussian_trimmer.batch.summary import write_summaries
+from gaussian_trimmer.batch.tables import read_manifest
 from gaussian_trimmer.camera_files import read_camera_set, read_cameras_of
 from gaussian_trimmer.cameras import Camera, Viewpoint, intrinsics
 from gaussian_trimmer.commands.info import describe_file
@@ -286,15 +283,12 @@ def _other_readers() -> dict[str, Reader]:
     )
     marks = marks_as_json(Marks(listed, (0.0, 0.0, 1.0), ((1.0, 2.0, 3.0),), N, Path("cameras.json")), Path())
     rows = "scene,selection,name,up,options\na.ply,b.npy,mug,0 0 1,--views 5\na.ply,c.npy,cup,,\n"
-    lines = [{"scene": "a.ply", "labels": "l.npy", "objects": [1, 2]}, {"scene": "b.ply", "selection": "s.npy"}]
     return {
         "masks": Reader([{f"a{end}": cv2.imencode(end, mask)[1].tobytes()} for end, mask in masks.items()], _read_mask),
         "marks": Reader([{"a.json": json.dumps(marks).encode()}], read_marks),
         "project": Reader([{"a.project.json": _project()}], _read_project),
         "results": Reader([_results()], _read_results),
-        "records": Reader([_records()], _read_records),
-        "manifest.csv": Reader([{"a.csv": rows.encode()}], read_manifest),
-        "manifest.jsonl": Reader([{"a.jsonl": "\n".join(map(json.dumps, lines)).encode()}], read_manifest),
+        "manifest.csv": Reader([{"a.csv": rows.encode()}], lambda path: read_manifest(path, [], lambda words: "a")),
     }
 
 
@@ -341,30 +335,6 @@ def _read_results(path: Path) -> None:
     assert (folder / "object.ply").read_bytes() == b"new"
     if not complete:
         raise InputError("The list is not that of the files.")
-
-
-_ITEM = Item("a.ply", "a.npy", "a")
-
-
-def _records() -> Files:
-    """What a batch leaves of an item that is done; the list of its files does not hold the item's own to a size."""
-    with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "object.ply").write_bytes(b"anything")
-        write_manifest(Path(folder), "trim")
-        done = Outcome(_ITEM, "done", counts={"scene": N, "selected": 9, "object": 9}, views=(3, 5), fingerprint="0a")
-        write_finished(done, Path(folder))
-        files = {f"items/a/{name}": data for name, data in _folder(Path(folder)).items()}
-        Store(Path(folder)).record(done)
-        record = (Path(folder) / "records" / "a.json").read_bytes()
-    return {f"items/a/{ITEM}": files.pop(f"items/a/{ITEM}"), "records/a.json": record, **files}
-
-
-def _read_records(path: Path) -> None:
-    store = Store(path.parents[2])
-    write_summaries(store, [_ITEM], [])
-    if (found := store.earlier(_ITEM, "0a")) is None:
-        raise InputError("Nothing whole is left of the item.")
-    assert found.fingerprint == "0a"
 
 
 def _read_mask(path: Path) -> None:

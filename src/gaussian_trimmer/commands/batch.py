@@ -1,150 +1,274 @@
-"""`gaussian-trimmer batch`: many objects of many scenes, from a manifest."""
+"""`gaussian-trimmer batch`: many objects of many scenes, from manifests."""
 
 from __future__ import annotations
 
-import time
-from contextlib import nullcontext, suppress
-from dataclasses import dataclass, field, replace
-from datetime import timedelta
+import io
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, redirect_stderr, suppress
+from dataclasses import dataclass, field
+from functools import cache, lru_cache
 from pathlib import Path
-from typing import Annotated, ClassVar
+from signal import SIGINT
+from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
 from rich.console import Console
-from rich.status import Status as RichStatus
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from gaussian_trimmer.batch.items import check_items
-from gaussian_trimmer.batch.manifest import read_manifest
-from gaussian_trimmer.batch.running import BatchOptions, Status, run
-from gaussian_trimmer.batch.store import Outcome, Store
-from gaussian_trimmer.batch.summary import CSV, HTML, row_of, write_summaries
+from gaussian_trimmer import formats
+from gaussian_trimmer._version import __version__
+from gaussian_trimmer.batch.engines import on_processes, on_ray
+from gaussian_trimmer.batch.tables import Item, check_names, option_words, read_manifest, write_table
 from gaussian_trimmer.commands.console import PrintOptions
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.commands.trim import Trim
+from gaussian_trimmer.errors import InputError, printable, user_message
+from gaussian_trimmer.formats.identify import identify
+from gaussian_trimmer.gaussians import Gaussians, quaternions_of
+from gaussian_trimmer.io.manifest import is_complete
+from gaussian_trimmer.io.reading import is_file, is_folder, read_json
 from gaussian_trimmer.io.stop_signals import Stopped
-from gaussian_trimmer.options import Positional, arg
+from gaussian_trimmer.io.writing import make_folder, remove_leftovers
+from gaussian_trimmer.options import Positional, arg, parse
+from gaussian_trimmer.output.report import object_entries
+from gaussian_trimmer.settings import Range
+
+SUMMARY = "summary.csv"
+_COUNTS = ("selected", "object", "kept", "cut", "removed", "discarded", "added")
+_BOX = ("x", "y", "z", "length", "width", "height", "qw", "qx", "qy", "qz")
+COLUMNS = ("name", "state", "message", *_COUNTS, *_BOX, "up_confidence", "seconds", "scene", "selection")
+_ShardNumber = Annotated[int, Range(1, 1_000_000)]
+MadeFrom = dict[str, Any]
+"""What the report of an item says it was made from: version, words, and what `_stamp` says of each path."""
 
 
 @dataclass(frozen=True)
 class Batch:
     """Trim many objects of many scenes, listed in manifests. What an earlier run has finished is not done again.
 
-    A manifest is a .csv or .jsonl with the columns scene, selection (or labels and objects), name, cameras, up and
-    options; all but scene may be left out. Results go to items/NAME in the output folder, with summary.csv and
-    summary.html beside them.
+    A manifest is a .csv with the columns scene, selection (or labels and objects), name, cameras, up and options; all
+    but scene may be left out. Results go to items/NAME in the output folder, with summary.csv beside them.
     """
 
     EXAMPLES: ClassVar[tuple[str, ...]] = (
         "gaussian-trimmer batch manifest.csv --output out",
         "gaussian-trimmer batch found/*/batch.csv --output out",
-        'gaussian-trimmer batch manifest.csv --output out --options "--views 7" --no-background --shard 1/4',
+        'gaussian-trimmer batch manifest.csv --output out --options "--views 7 --no-write-background" --shard 1/4',
     )
 
     manifests: Annotated[Positional[tuple[Path, ...]], arg(metavar="MANIFEST ...")]
-    """Tables of items, .csv or .jsonl, such as the batch.csv that 'objects' writes."""
+    """Tables of items, such as the batch.csv that 'objects' writes."""
     output: Annotated[Path, arg(metavar="DIR")] = Path("trimmed/batch")
     """Folder for the results."""
     options: Annotated[str, arg(metavar="TEXT", of_options=True)] = ""
     """Options of 'gaussian-trimmer trim' for all items, such as "--views 7". A row's own options override them."""
-    background: bool = True
-    """Also write the scene without the object for every item. Each is nearly as large as its scene."""
+    workers: Annotated[int, Range(1, 100_000)] | None = None
+    """Number of worker processes, each with a scene in memory. By default one for each processor."""
+    engine: Literal["local", "ray"] = "local"
+    """Where the workers run: on this machine, or on a Ray cluster (needs gaussian-trimmer[ray])."""
+    address: Annotated[str | None, arg(metavar="ADDRESS")] = None
+    """Address of the Ray cluster, or auto for the one that this machine is part of. By default one is started here."""
+    shard: Annotated[tuple[_ShardNumber, _ShardNumber] | None, arg(metavar="I/N")] = None
+    """Only this machine's share of the items: number I, from 1, of N machines."""
     printing: Annotated[PrintOptions, arg(name="")] = field(default_factory=PrintOptions)
-    how: Annotated[BatchOptions, arg(name="")] = field(default_factory=BatchOptions)
 
     def run(self) -> None:
-        """Trim everything, and write the summaries.
+        """Trim everything, and write the summary.
 
         Raises:
-            InputError: the manifest or an option is not possible, nothing can be written, or items have failed.
+            InputError: a manifest or an option is not possible, or items have failed.
         """
         console = self.printing.console()
-        items = check_items(item for path in self.manifests for item in read_manifest(path, self.options))
-        items = [replace(item, background=self.background) for item in items]
-        store, outcomes = Store(self.output), list[Outcome]()
-        live = console.status("") if console.is_terminal and not console.quiet else None
-        progress = _Progress(console, live, len(items))
-
-        def on_result(outcome: Outcome) -> None:
-            outcomes.append(outcome)
-            progress.show_outcome(outcome)
-
+        items, made_from = self._items()
+        number, shards = self.shard or (1, 1)
+        mine = items[len(items) * (number - 1) // shards : len(items) * number // shards]
+        folders = {item.name: self.output.absolute() / "items" / item.name for item in items}
+        waiting = [item for item in mine if not _is_made(folders[item.name], made_from[item.name])]
+        earlier, failures, done = len(mine) - len(waiting), dict[str, str](), 0
+        tasks = [(item.words, folders[item.name], made_from[item.name]) for item in waiting]
         try:
-            with live or nullcontext():
-                run(items, self.output, on_result=on_result, on_status=progress.show_status, **vars(self.how))
-        except InputError:
-            if outcomes:
-                with suppress(InputError):  # What stopped the batch is what should be reported.
-                    write_summaries(store, items, outcomes)
-            raise
-        except Stopped as signal:
-            said = f"Stopped after {len(outcomes)} of {progress.total} items; the same command goes on."
-            raise Stopped(*signal.args, said) from signal
-        write_summaries(store, items, outcomes)
-        self._report_end(console, outcomes)
+            with _progress(console, len(mine), earlier) as show, closing(self._results(tasks)) as results:
+                for task, failure in results:
+                    done += 1
+                    if failure:
+                        failures[waiting[task].name] = failure
+                    show(waiting[task].name, failure)
+        except KeyboardInterrupt as signal:
+            said = f"Stopped after {earlier + done} of {len(mine)} items; the same command goes on."
+            raise Stopped(*(signal.args or (SIGINT,)), said) from signal
+        finally:
+            for item in waiting:
+                _remove_rest(folders[item.name], self.output.absolute())
+        rows = [_row_of(item, folders[item.name], made_from[item.name], failures.get(item.name, "")) for item in items]
+        make_folder(self.output)
+        write_table([{name: _as_text(cell) for name, cell in row.items()} for row in rows], self.output / SUMMARY)
+        self._report_end(console, len(mine), earlier, failures, rows)
 
-    def _report_end(self, console: Console, outcomes: list[Outcome]) -> None:
+    def _items(self) -> tuple[list[Item], dict[str, MadeFrom]]:
+        """Return all items, and by their names what they are made from; all files are looked at."""
+        if self.engine == "local" and self.address is not None:
+            raise InputError("An address is that of a cluster; leave it out, or use the engine ray.")
+        if self.address is not None and self.workers is not None:
+            raise InputError("A cluster that is there shares out its processors itself; leave the workers out.")
+        if self.shard is not None and self.shard[0] > self.shard[1]:
+            raise InputError(f"The shard is {self.shard[0]}/{self.shard[1]}; give i/n with i from 1 to n.")
+        try:
+            parse(Trim, ["scene.ply", *(options := option_words(self.options))], "trim")
+        except InputError as error:
+            raise InputError(f"--options: {error}") from error
+        stamp, files = cache(_stamp), dict[tuple[str, ...], dict[str, list[int]]]()
+        whole, in_parts = set[Path](), set[Path]()
+
+        def check(words: Sequence[str]) -> str:
+            command = parse(Trim, words, "trim")
+            files[tuple(words)] = {str(path): stamp(path) for path in _inputs(command)}
+            command.check()
+            command.to_read().suffix(command.options)
+            (in_parts if command.selection or command.marks.marks() else whole).add(command.inputs.scene)
+            return command.folder().name
+
+        items = [item for path in self.manifests for item in read_manifest(path, options, check)]
+        check_names(items)
+        if both := whole & in_parts:
+            raise InputError(f"'{min(both)}' has a row without a selection beside others with one; say what it is.")
+        return items, {
+            item.name: {"version": __version__, "command": list(item.words), "files": files[item.words]}
+            for item in items
+        }
+
+    def _results(self, tasks: Sequence[tuple[Any, ...]]) -> Any:
+        """Return an iterator over the numbers of tasks and what has failed of them, as they end."""
+        if self.engine == "ray":
+            return on_ray(trim_item, tasks, self.workers, self.address)
+        return on_processes(trim_item, tasks, self.workers)
+
+    def _report_end(
+        self, console: Console, total: int, earlier: int, failures: dict[str, str], rows: list[dict[str, Any]]
+    ) -> None:
         """Say what became of the batch, as an error if items have failed."""
-        done = [outcome for outcome in outcomes if outcome.state == "done"]
-        found = sum(not outcome.fresh for outcome in done)
-        failed = [outcome for outcome in outcomes if outcome.state == "failed"]
-        earlier = f" ({found} earlier)" if found else ""
-        lost = f", {len(failed)} failed" if failed else ""
-        console.print(f"{len(done)} of {len(outcomes)} done{earlier}{lost}; see {self.output}/{HTML}.")
-        self.printing.print_json({"folder": str(self.output), "items": [row_of(outcome) for outcome in outcomes]})
-        if failed:
-            again = "" if any(outcome.fresh for outcome in failed) else "; --retry-failed tries them again"
-            why = f", since: {failed[0].message}" if console.quiet else "."  # else that has been printed
+        found = f" ({earlier} earlier)" if earlier else ""
+        lost = f", {len(failures)} failed" if failures else ""
+        console.print(f"{total - len(failures)} of {total} done{found}{lost}; see {self.output / SUMMARY}.")
+        self.printing.print_json({"folder": str(self.output), "items": rows})
+        if failures:
+            first, failure = next(iter(failures.items()))
+            why = f", since: {failure}" if console.quiet else "."  # else that has been printed
             raise InputError(
-                f"{len(failed)} of {len(outcomes)} items failed, the first is {failed[0].item.name}{why} All are in "
-                f"{self.output / CSV}{again}."
+                f"{len(failures)} of {total} items failed, the first is {first}{why} All are in "
+                f"{self.output / SUMMARY}."
             )
 
 
-@dataclass
-class _Progress:
-    """A line for each item that fails, and how far the batch is: below them, or without a terminal after each item."""
-
-    console: Console
-    live: RichStatus | None
-    total: int
-    """Number of items, of a shard if that is all of this run."""
-    started: float = field(default_factory=time.monotonic)
-    finished: list[str] = field(default_factory=list)
-    """What is to be said of items that have ended since the last line."""
-
-    def show_outcome(self, outcome: Outcome) -> None:
-        """Remember that an item has failed or is done; on a terminal, say the first at once."""
-        if outcome.state == "failed":
-            line = f"failed: {outcome.item.name}: {outcome.message}"
-            if self.live is not None:
-                self.console.print(line)
-            self.finished.append(line)
-        elif outcome.state == "done" and outcome.fresh:
-            self.finished.append(f"done: {outcome.item.name}, {outcome.seconds:.1f} s")
-
-    def show_status(self, status: Status) -> None:
-        """Say how far the batch is, if that is farther than before."""
-        self.total = status.total
-        line = _line(status, time.monotonic() - self.started)
-        if self.live is not None:
-            self.live.update(line)
-        elif self.finished:
-            self.console.print("\n".join([*self.finished, line]))
-        self.finished.clear()
+def trim_item(words: Sequence[str], folder: Path, made_from: MadeFrom) -> str:
+    """Trim an item as the command does; return why it failed, or nothing."""
+    try:
+        with redirect_stderr(io.StringIO()):  # what it warns of is in its report
+            command = parse(Trim, [*words, "--output", str(folder), "--overwrite", "--quiet"], "trim")
+            command.run(lambda scene, level, say: _read_scene(scene, level), {"made_from": made_from})
+    except Exception as error:  # A defect of the program must not stop the other items.
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        defect = f"A defect of the program: {type(error).__name__}: {error} ({place.filename}, line {place.lineno})."
+        return user_message(error) or printable(defect, 1000)
+    return ""
 
 
-def _line(status: Status, seconds: float) -> str:
-    """How far a batch is, and, if this run has done any item itself, how fast it is and how long it will take.
+@lru_cache(maxsize=1)
+def _read_scene(path: Path, level: int | None) -> Gaussians:
+    """Read a scene, once for its items that follow each other in a process."""
+    return formats.read(path, level=level)
 
-    >>> _line(Status(total=10, done=4, failed=1, found=1), 60.0)
-    '5 of 10 items, 1 failed, 1 from before; 4.0 a minute, 0:01:15 left'
-    >>> _line(Status(total=10, done=9, failed=0, found=9), 60.0)
-    '9 of 10 items, 9 from before'
+
+def _inputs(command: Trim) -> list[Path]:
+    """Return the files and folders that a trim reads, without those that it finds in them."""
+    scene = identify(command.to_read().scene).scene
+    found = [path for path in command.files() if path != command.inputs.scene]
+    found += [path for path in (command.inputs.cameras, command.labels) if path is not None]
+    return [*formats.scene_files(scene, command.options.level), *found]
+
+
+def _stamp(path: Path) -> list[int]:
+    """Return the number of files at a path, their bytes, and their latest change in nanoseconds.
+
+    Raises:
+        InputError: there is no such file.
     """
-    finished = status.done + status.failed
-    fresh, left = finished - status.found, status.total - finished
-    parts = [f"{finished} of {status.total} items"]
-    parts += [f"{status.failed} failed"] * bool(status.failed) + [f"{status.found} from before"] * bool(status.found)
-    line = ", ".join(parts)
-    if not fresh:
-        return line
-    rate = 60 * fresh / max(seconds, 1e-9)
-    return f"{line}; {rate:.1f} a minute" + (f", {timedelta(seconds=round(60 * left / rate))} left" if left else "")
+    files = [path]
+    if is_folder(path):
+        files = [file for file in path.rglob("*") if file.is_file()]
+    elif "*" in str(path):
+        files = list(Path(path.anchor).glob(str(path.relative_to(path.anchor))))
+    elif not is_file(path):  # A device or a pipe may never end.
+        raise InputError(f"There is no file '{path}'.")
+    found = [file.stat() for file in files]
+    return [len(found), sum(one.st_size for one in found), max((one.st_mtime_ns for one in found), default=0)]
+
+
+def _is_made(folder: Path, made_from: MadeFrom) -> bool:
+    """Return whether the results of an item are whole, and made from just this."""
+    with suppress(InputError, OSError, LookupError, TypeError):
+        return is_complete(folder) and bool(read_json(folder / "report.json")["inputs"]["made_from"] == made_from)
+    return False
+
+
+def _remove_rest(folder: Path, output: Path) -> None:
+    """Remove what a process that was ended has left of an item, or beside its results."""
+    remove_leftovers(folder)
+    for place in (folder, *folder.parents):
+        if place == output:
+            break
+        with suppress(OSError):  # It holds results, or does not exist.
+            place.rmdir()
+
+
+def _row_of(item: Item, folder: Path, made_from: MadeFrom, failure: str) -> dict[str, Any]:
+    """Return what the summary says of an item: the numbers of its report, or why there is none."""
+    row = dict.fromkeys(COLUMNS, "") | {"name": item.name, "state": "left", "message": failure}
+    if failure or not _is_made(folder, made_from):
+        return row | ({"state": "failed"} if failure else {})
+    try:
+        return row | _numbers_of(read_json(folder / "report.json"))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"The report in '{folder}' is damaged; delete that folder, and start again.") from error
+
+
+def _numbers_of(report: dict[str, Any]) -> dict[str, Any]:
+    """Return what the summary says of a trim, from its report."""
+    (entry,) = object_entries(report)
+    counts, bounds = report["counts"] | entry.get("counts", {}), entry["bounds"]
+    box = [*bounds["centre"], *(2 * np.array(bounds["half_extents"]))]
+    box += quaternions_of(np.array(bounds["axes"]).T[None])[0].tolist()
+    return {
+        "state": "not trimmed" if entry["refused"] else "done",
+        "message": entry["refused"] or " ".join(entry["warnings"]),
+        **{name: counts[name] for name in _COUNTS},
+        **{name: round(float(number), 6) for name, number in zip(_BOX, box, strict=True)},
+        "up_confidence": entry["up"]["confidence"],
+        "seconds": round(sum(report["seconds"].values()), 3),
+        "scene": report["inputs"]["scene"],
+        "selection": report["inputs"]["selection"] or "",
+    }
+
+
+def _as_text(cell: object) -> object:
+    """Return a cell that a spreadsheet does not take for a formula."""
+    return f"'{cell}" if isinstance(cell, str) and cell.startswith(("=", "+", "-", "@", "\t", "\r")) else cell
+
+
+@contextmanager
+def _progress(console: Console, total: int, done: int) -> Iterator[Callable[[str, str], None]]:
+    """Give a function to call with the name of each item that ends, and why it failed if it did."""
+    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    terminal = console.is_terminal and not console.quiet
+    with Progress(*columns, console=console, transient=True, disable=not terminal) as bar:
+        task = bar.add_task("", total=total, completed=done)
+
+        def show(name: str, failure: str) -> None:
+            nonlocal done
+            done += 1
+            bar.update(task, completed=done)
+            if failure:
+                console.print(f"failed: {name}: {failure}")
+            elif not terminal:
+                console.print(f"done: {name}, {done} of {total}")
+
+        yield show

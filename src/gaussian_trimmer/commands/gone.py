@@ -15,5 +15,11 @@ GONE = {
     "--box3d": "Cut by boxes in the app ('view'), or give booleans of your own as the selection.",
     "--sphere": "Cut by balls in the app ('view'), or give booleans of your own as the selection.",
     "--plane": "Cut by planes in the app ('view'), or give booleans of your own as the selection.",
+    "--no-background": "Give --no-write-background; in a batch, --options --no-write-background.",
+    "--memory": "Give --workers: each has a scene in memory.",
+    "--gpus": "Leave it out: trims run on the CPU.",
+    "--time-limit": "Leave it out; 'timeout' or a scheduler ends a batch, and the same command goes on.",
+    "--retries": "Start the batch again: it tries what is not finished.",
+    "--retry-failed": "Leave it out: what has failed is tried again.",
 }
 """Commands and options of the last release -> a sentence with the cure. An entry stays for one release."""

@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar
 
 from rich.console import Console
 
-from gaussian_trimmer.batch.manifest import FOUND_OBJECTS, write_manifest
+from gaussian_trimmer.batch.tables import FOUND_OBJECTS, write_table
 from gaussian_trimmer.commands.console import in_lengths, print_up, progress_over_stages
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words, reading_words
 from gaussian_trimmer.commands.trim_run import ResultOptions, SelectedScene, TrimRun
@@ -107,7 +107,7 @@ class Objects:
             stage("write")
             document = write_found(found, part, command=self._next_command(), names=names)
             if sure := [str(one.id) for one in found if one.sure and one.kind == "object"]:
-                write_manifest([self._batch_row(sure, folder, up)], part / FOUND_OBJECTS)
+                write_table([self._batch_row(sure, folder, up)], part / FOUND_OBJECTS)
         _print_found(console, found, names, folder / "objects.csv")
         console.print(
             f"{folder}: {sum(one.sure for one in found)} objects, and "

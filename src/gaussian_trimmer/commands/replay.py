@@ -24,6 +24,7 @@ _FIELDS: dict[str, tuple[Names, Any]] = {
     "exclude": (("exclude",), tuple[Path, ...]),
     "photos": (("results", "photos"), Path | None),
     "placing": (("results", "placing"), PlacingOptions),
+    "write_background": (("results", "write_background"), bool),
 }
 _WHAT_TO_SELECT = ("selection", "selection_options", "labels", "objects")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,6 +21,9 @@ from gaussian_trimmer.trimming.trim_options import TrimOptions
 
 _NAMES_OF_ALL = re.compile(r"scene|splats?|point_cloud|iteration_\d+|meta|lod-meta|output", re.IGNORECASE)
 """What trainings and converters call every scene's file, and the folders around it."""
+
+ReadScene = Callable[..., Gaussians]
+"""Reads a scene as `formats.read` does."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,9 @@ class SceneInputs:
         own = [name for name in names if not _NAMES_OF_ALL.fullmatch(name)]
         return [self.scene.resolve().name, *names[-1:], *own][-1]
 
-    def read(self, options: TrimOptions, console: Console) -> tuple[Gaussians, CameraSet | None]:
+    def read(
+        self, options: TrimOptions, console: Console, read: ReadScene = formats.read
+    ) -> tuple[Gaussians, CameraSet | None]:
         """Return the Gaussians and, in their coordinates, the cameras if they are given; what is read is said.
 
         Raises:
@@ -49,7 +55,7 @@ class SceneInputs:
         if self.cameras is not None:  # first, since wrong ones are soon found
             found, trusted = identify(self.scene).scene, options.trust_paths
             cameras = read_cameras_of(found, self.cameras, trust_paths=trusted, say=console.print)
-        return formats.read(self.scene, level=options.level, say=console.print), cameras
+        return read(self.scene, level=options.level, say=console.print), cameras
 
     def suffix(self, options: TrimOptions) -> str:
         """Return the ending of the splat files that are written.

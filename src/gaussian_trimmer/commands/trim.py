@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
+from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.replay import inputs_of_report
-from gaussian_trimmer.commands.scene_inputs import SceneInputs
+from gaussian_trimmer.commands.scene_inputs import ReadScene, SceneInputs
 from gaussian_trimmer.commands.trim_run import ResultOptions, SelectedScene, TrimRun
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
@@ -79,29 +81,36 @@ class Trim:
         report = given.get(("options", "config_file"))
         return {} if report is None else inputs_of_report(report, given)
 
-    def run(self) -> int:
+    def run(self, read: ReadScene = formats.read, note: Mapping[str, Any] = MappingProxyType({})) -> int:
         """Trim and write the results; return the exit code, 3 where nothing was trimmed.
+
+        Args:
+            read: reads the scene.
+            note: what the report says among the inputs beside them.
 
         Raises:
             InputError: something that the user gave cannot be used; nothing has been written then.
         """
         console = self.results.console()
-        # Of a folder that is given as both scene and selection, the scene is the selection's own.
-        to_read = self.inputs
-        if self.selection == self.inputs.scene:
-            to_read = replace(self.inputs, scene=identify(self.inputs.scene).scene_and_selection)
-        self._check()
+        to_read = self.to_read()
+        self.check()
         run = TrimRun(
             folder=self.folder(),
             suffix=to_read.suffix(self.options),
             options=self.options,
             results=self.results,
-            for_report=self.inputs.as_json(self.options) | self._for_report(),
-            files=self._files(),
+            for_report=self.inputs.as_json(self.options) | self._for_report() | dict(note),
+            files=self.files(),
             source=self.selection,
             several=self.labels is not None,
         )
-        return run.run(console, lambda: self._read(to_read, console))
+        return run.run(console, lambda: self._read(to_read, console, read))
+
+    def to_read(self) -> SceneInputs:
+        """Return the scene to read: of a folder that is given as both scene and selection, the selection's own."""
+        if self.selection != self.inputs.scene:
+            return self.inputs
+        return replace(self.inputs, scene=identify(self.inputs.scene).scene_and_selection)
 
     def folder(self) -> Path:
         """The folder for the results."""
@@ -111,7 +120,7 @@ class Trim:
         names = [self.inputs.name, *([given.name.split(".")[0]] if given else [])]
         return Path("trimmed") / "-".join([*names, *map(str, self.objects or self.selection_options.object_id)])
 
-    def _check(self) -> None:
+    def check(self) -> None:
         """Refuse what is not possible, or cannot go together, before anything is read."""
         scene = self.inputs.scene
         given_last = self.selection is not None and identify(self.selection).kind in ("splats", "torch")
@@ -130,9 +139,9 @@ class Trim:
                 "give --labels a folder of masks whose pixels are ids."
             )
 
-    def _read(self, to_read: SceneInputs, console: Console) -> SelectedScene:
+    def _read(self, to_read: SceneInputs, console: Console, read: ReadScene) -> SelectedScene:
         """Return the scene and what is selected in it, without what --exclude names."""
-        scene, cameras = to_read.read(self.options, console)
+        scene, cameras = to_read.read(self.options, console, read)
         if self.labels is None:
             selections: dict[Any, Selection] = {THE_OBJECT: self._selected(scene, cameras, console)}
         else:
@@ -178,7 +187,7 @@ class Trim:
             raise InputError(f"The masks in '{self.labels}' show no object {absent[0]}; they show {present[:24]}.")
         return {number: np.asarray(labels == number) for number in (self.objects or present)}
 
-    def _files(self) -> list[Path]:
+    def files(self) -> list[Path]:
         """Return the files, and folders of masks, that are read. A folder with cameras may hold the results as well."""
         cameras, labels = (
             path if path is not None and path.is_file() else None for path in (self.inputs.cameras, self.labels)

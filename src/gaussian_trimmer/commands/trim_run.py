@@ -61,6 +61,9 @@ class ResultOptions:
     """Folder of the training pictures, in which to segment the object in place of virtual views. Those that show it
     best are taken. Needs --cameras."""
     placing: Annotated[PlacingOptions, arg(name="")] = field(default_factory=PlacingOptions)
+    write_background: bool = True
+    """Write the scene without the objects. It is nearly as large as the scene; labels.npz says which of the scene's
+    Gaussians are in it."""
     overwrite: bool = False
     """Replace earlier results in the output folder. Other files in it are left alone."""
     printing: Annotated[PrintOptions, arg(name="")] = field(default_factory=PrintOptions)
@@ -197,10 +200,12 @@ class TrimRun:
             write_marks(selected.first.marks, part / MARKS)
             for_report["marks"] = MARKS
         report = describe(result, for_report, seconds, self.suffix)
-        write_trim(result, report, part, self.suffix, html=self.results.html)
+        background = self.results.write_background
+        write_trim(result, report, part, self.suffix, background=background, html=self.results.html)
         placing, said = self.results.placing, list[str]()
         if placing.wished:
-            said.append(placing.sentence(placing.write(result, part, self.suffix), result.objects[0].up))
+            files = placing.write(result, part, self.suffix, background=background)
+            said.append(placing.sentence(files, result.objects[0].up))
         own = Path(self.for_report["scene"]).name
         same = self.options.format is None or formats.is_named(own, self.suffix)
         source = self.suffix if same else Path(own).suffix.lower()
@@ -216,6 +221,7 @@ class TrimRun:
             "preset": options.preset, "segmenter": options.segmenter,
             "segmenter_options": to_plain(used) if used else {},
             "format": options.format, "photos": photos, "placing": to_plain(self.results.placing),
+            "write_background": self.results.write_background,
         }  # fmt: skip
 
     def _photo_views(
@@ -242,7 +248,8 @@ class TrimRun:
         files = [entry["file"] for entry in object_entries(report) if entry["file"]]
         listed = ", ".join(files) if len(files) <= _LISTED else f"{files[0]} to {files[-1]}"
         looked_at = REPORT if self.results.html else PICTURE
-        background = f", background{self.suffix}" if report["counts"]["background"] else ""
+        written = self.results.write_background and report["counts"]["background"]
+        background = f", background{self.suffix}" if written else ""
         console.print(f"{listed}{background}, {looked_at} and the rest are in {self.folder}.")
         for sentence in said:
             console.print(sentence)

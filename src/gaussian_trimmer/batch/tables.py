@@ -1,0 +1,227 @@
+"""The tables of a batch: the manifest, a row for every object or scene, and the summary of what became of each.
+
+| column | |
+|---|---|
+| `scene` | splat file, or folder of a training |
+| `selection` | file with one object; or `labels` |
+| `labels` | file with an id for every Gaussian, and |
+| `objects` | the ids to trim, each an item: "3 5 7", or "all" for every id above zero |
+| `name` | folder of the results below the output folder; with `labels`, a folder in it for each object |
+| `cameras` | training cameras |
+| `up` | "z", "-y", or three numbers |
+| `options` | options as `gaussian-trimmer trim` has them: "--views 7 --format spz" |
+
+Paths are relative to the manifest's folder.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import shlex
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from gaussian_trimmer.errors import InputError, clip_name
+from gaussian_trimmer.io.reading import is_file
+from gaussian_trimmer.io.writing import safe_file_name, write_whole
+from gaussian_trimmer.selection_files import SelectionOptions
+from gaussian_trimmer.selection_files.labels import count_ids
+from gaussian_trimmer.selection_files.selection_file import open_selection
+
+COLUMNS = ("scene", "selection", "labels", "objects", "name", "cameras", "up", "options")
+FOUND_OBJECTS = "batch.csv"
+"""The manifest that `objects` writes into its folder."""
+_ELSEWHERE = {
+    **{f"--{name}": f"is the column '{name}'" for name in ("cameras", "labels", "objects")},
+    "--output": "is the column 'name', below --output of the batch",
+    "--overwrite": "is not needed: a batch replaces its own results",
+    "--json": "is an option of the batch itself",
+    "--quiet": "is an option of the batch itself",
+}
+"""Options of `trim` that a row cannot have, and where a batch has them."""
+_PUNCTUATION = "._-+"
+"""In names of folders."""
+_MOST_TOLD = 8
+"""Wrong rows that one message describes."""
+
+
+@dataclass(frozen=True)
+class Item:
+    """One object of one scene."""
+
+    name: str
+    """Folder of its results below `items` in the output."""
+    words: tuple[str, ...]
+    """What `trim` is told of it: scene, selection and options, but not where the results go."""
+
+
+def read_manifest(path: Path, options: Sequence[str], check: Callable[[Sequence[str]], str]) -> list[Item]:
+    """Return the items of a manifest.
+
+    Args:
+        path: the file.
+        options: words of options for all rows, which come before the row's own.
+        check: refuses words of `trim` that are not possible; returns what its folder would be called.
+
+    Raises:
+        InputError: the file cannot be read, or rows are not possible; the message names the rows.
+    """
+    if is_file(path / FOUND_OBJECTS):
+        raise InputError(f"'{path}' is a folder; give the manifest in it, '{path / FOUND_OBJECTS}'.")
+    if not is_file(path):
+        raise InputError(f"There is no manifest '{path}'.")
+    if path.suffix.lower() != ".csv":
+        raise InputError(f"'{path}' is not a manifest; give a table that ends with .csv.")
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"'{path}' is not text in UTF-8 (byte {error.start}); save it as such.") from error
+    items, wrong, ids_of_files = list[Item](), list[str](), dict[Path, list[int]]()
+    for line, row in _rows(text):
+        try:
+            for name, words in _trims_of(row, path.absolute().parent, options, ids_of_files):
+                items.append(Item(_checked_name(name or check(words)), tuple(words)))
+                if name:
+                    check(words)
+        except InputError as error:
+            wrong.append(f"line {line}: {error}")
+    if wrong:
+        more = f" {len(wrong) - _MOST_TOLD} more rows are wrong." if len(wrong) > _MOST_TOLD else ""
+        raise InputError(f"'{path}', {' '.join(wrong[:_MOST_TOLD])}{more}")
+    if not items:
+        raise InputError(f"'{path}' has no rows.")
+    return items
+
+
+def check_names(items: Iterable[Item]) -> None:
+    """Refuse items whose results would lie in the same folder, or in those of another.
+
+    Raises:
+        InputError: two items have the same name, or the folder of one would lie in that of another.
+    """
+    known = set[str]()
+    for item in items:
+        if (name := item.name.casefold()) in known:  # some file systems fold cases
+            raise InputError(f"Two items are named '{clip_name(item.name)}'; give each a name of its own.")
+        known.add(name)
+    for name in known:
+        for parent in map(str, PurePosixPath(name).parents):
+            if parent in known:
+                raise InputError(
+                    f"The folder of item '{clip_name(name)}' would lie in that of '{clip_name(parent)}'; give one of "
+                    "them another name."
+                )
+
+
+def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+    """Write rows, which have the same columns, as a table.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_whole(path, text.getvalue())
+
+
+def option_words(text: str) -> list[str]:
+    """Return the words of a text of options, which a row may have.
+
+    Raises:
+        InputError: a quotation mark has no partner, or a batch has an option in another way.
+    """
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise InputError(f"The options '{clip_name(text)}' cannot be split into words ({error}).") from error
+    for word in words:
+        flag = word.partition("=")[0].replace("_", "-")
+        if where := _ELSEWHERE.get(flag.replace("--no-", "--", 1)):
+            raise InputError(f"{flag} {where}; leave it out.")
+    return words
+
+
+def _rows(text: str) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield the numbers of lines and their cells by column; a first line that is wrong counts as a row."""
+    reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
+    try:
+        header = reader.fieldnames or ()
+        if header and not {"scene"} <= set(header) <= set(COLUMNS):
+            yield reader.line_num, dict.fromkeys(header, "")
+            return
+        yield from ((reader.line_num, row) for row in reader if any(row.values()))
+    except csv.Error as error:
+        raise InputError(f"The manifest cannot be read from line {reader.line_num} on: {error}.") from error
+
+
+def _trims_of(
+    row: dict[str, Any], folder: Path, options: Sequence[str], ids_of_files: dict[Path, list[int]]
+) -> Iterator[tuple[str, list[str]]]:
+    """Yield the name, empty if there is none, and the words of each trim that a row asks for."""
+    if None in row or None in row.values():
+        raise InputError("It does not have as many columns as the first line.")
+    if unknown := [name for name in row if name not in COLUMNS]:
+        cure = " Cells are separated by commas." if set(unknown[0]) & set(";\t") else ""
+        raise InputError(f"'{clip_name(unknown[0])}' is not a column; known: {', '.join(COLUMNS)}.{cure}")
+    cells = {name: str(row.get(name, "")).strip() for name in COLUMNS}
+    scene, selection, labels, cameras = (
+        str(folder / cells[name]) if cells[name] else "" for name in ("scene", "selection", "labels", "cameras")
+    )
+    name, objects = cells["name"], cells["objects"]
+    if not scene:
+        raise InputError("The column 'scene' is missing or empty.")
+    if selection and labels:
+        raise InputError("It has both a selection and labels; leave one out.")
+    if objects and not labels:
+        raise InputError("It has objects, but no labels; name the file with an id for every Gaussian as labels.")
+    if labels and not objects:
+        raise InputError("It has labels, but no objects; give the ids to trim, as in '3 5 7', or 'all'.")
+    more = [*options, *option_words(cells["options"])]
+    more += ["--cameras", cameras] if cameras else []
+    more += ["--up", *cells["up"].replace(",", " ").split()] if cells["up"] else []
+    if not labels:
+        yield name, [scene, *([selection] if selection else []), *more]
+        return
+    for number in _ids(objects, Path(labels), ids_of_files):
+        one = ["--selection.kind", "labels", "--selection.object-id", str(number)]
+        yield f"{name}/{number}" if name else "", [scene, labels, *more, *one]
+
+
+def _ids(wanted: str, labels: Path, ids_of_files: dict[Path, list[int]]) -> list[int]:
+    """Return the ids that are wanted of a file of labels, which is read for 'all' alone, and once."""
+    if wanted == "all":
+        if labels not in ids_of_files:
+            ids_of_files[labels] = _ids_above_zero(labels)
+        return ids_of_files[labels]
+    try:
+        ids = [int(word) for word in wanted.replace(",", " ").replace(";", " ").split()]
+    except ValueError:
+        ids = []
+    if not ids or len(set(ids)) < len(ids):
+        raise InputError(f"The objects are '{clip_name(wanted)}'; give each id once, as in '3 5 7', or 'all'.")
+    return ids
+
+
+def _ids_above_zero(labels: Path) -> list[int]:
+    values = open_selection(labels).vector(SelectionOptions(), "labels", "label", "ids", "instance")
+    if values is None or values.dtype.kind not in "iu":
+        raise InputError(f"'{labels}' holds no one-dimensional array of whole numbers that could be labels.")
+    ids = [number for number in count_ids(values)[0] if number > 0]
+    if not ids:
+        raise InputError(f"'{labels}' has no ids above zero.")
+    return ids
+
+
+def _checked_name(name: str) -> str:
+    parts = [part for part in name.split("/") if part not in ("", ".", "..")]
+    possible = "/".join(safe_file_name(part, _PUNCTUATION) for part in parts or ["_"])
+    if name != possible:
+        raise InputError(
+            f"The name '{clip_name(name)}' cannot name a folder on every system, as '{clip_name(possible)}' can."
+        )
+    return name
