@@ -36,7 +36,6 @@ from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.evaluation.ground_truth import TestView, at_size, read_polygons
 from gaussian_trimmer.evaluation.metrics import THRESHOLD
 from gaussian_trimmer.evaluation.scoring import RULES
-from gaussian_trimmer.gaussians import FloatArray
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """Endings of masks and photographs, in lower case."""
@@ -110,17 +109,15 @@ class Protocol:
         words += [f"ground truth > {self.truth_above:g}" if self.truth_above is not None else "ground truth > 0.5"]
         return f"protocol {self.name} ({self.title}): {', '.join(self.rules)}; {'; '.join(words)}"
 
-    def truth(self, coverage: FloatArray) -> FloatArray:
-        """Return the coverage (H, W) as it is compared with."""
-        return coverage if self.truth_above is None else (coverage > self.truth_above).astype(np.float32)
-
     def view(self, view: TestView, camera: Camera) -> TestView:
         """Return a view with ground truth, seen by its picture's own camera, as the protocol compares it."""
         if self.size != "mask":
             width = camera.width if self.size == "camera" else int(self.size)
             height = round(width * camera.height / camera.width)
             view = replace(view, camera=at_size(camera, width, height, Path(camera.name)))
-        return replace(view, coverage=self.truth(view.coverage))
+        if self.truth_above is None:
+            return view
+        return replace(view, coverage=(view.coverage > self.truth_above).astype(np.float32))
 
 
 @dataclass(frozen=True)

@@ -146,21 +146,6 @@ def at_size(camera: Camera, width: int, height: int, path: Path) -> Camera:
     return replace(camera, K=K, width=width, height=height)
 
 
-def read_coverage(path: Path, category: str | None) -> FloatArray:
-    """Return the coverage (H, W) in a mask file or, of the named object, in a file of polygons.
-
-    Raises:
-        InputError: the file cannot be used.
-    """
-    if category is None:
-        return read_mask(path)
-    size, parts = read_polygons(path)
-    drawn = np.zeros(size, np.uint8)
-    for corners in parts[category]:
-        cv2.fillPoly(drawn, [corners], (1,))
-    return drawn.astype(np.float32)
-
-
 def view_of(
     camera: Camera,
     mask: Path,
@@ -181,7 +166,7 @@ def view_of(
     Raises:
         InputError: a file cannot be used.
     """
-    coverage = read_coverage(mask, category)
+    coverage = read_mask(mask) if category is None else _drawn(*read_polygons(mask), category)
     height, width = coverage.shape
     counted = np.ones((height, width), np.bool_)
     for path in ignored:
@@ -245,6 +230,13 @@ def find_picture(folder: Path, camera: Camera) -> Path:
             f"'{folder}' has no picture named like the camera '{clip_name(camera.name)}', which has a mask."
         )
     return found
+
+
+def _drawn(size: tuple[int, int], parts: dict[str, list[NDArray[np.int32]]], category: str) -> FloatArray:
+    drawn = np.zeros(size, np.uint8)
+    for corners in parts[category]:
+        cv2.fillPoly(drawn, [corners], (1,))
+    return drawn.astype(np.float32)
 
 
 def _same_shape(a: float, b: float) -> bool:

@@ -240,7 +240,8 @@ def _find(task: Task, what: str, places: Sequence[tuple[Path, str]]) -> Path:
     for folder, pattern in places:
         below = Path(filled(pattern, glob.escape))
         start = Path(below.anchor) if below.is_absolute() else folder
-        found = last_iteration(sorted(start.glob(str(below.relative_to(below.anchor)))))
+        matches = sorted(start.glob(str(below.relative_to(below.anchor))))
+        found = [path for path in matches if _iteration(path) == max(map(_iteration, matches))]
         if len(found) > 1:
             raise InputError(
                 f"The task '{task.name}' has {len(found)} files that may be its {what} ({found[0]}, {found[1]} ...); "
@@ -256,10 +257,9 @@ def _find(task: Task, what: str, places: Sequence[tuple[Path, str]]) -> Path:
     )
 
 
-def last_iteration(paths: Sequence[Path]) -> list[Path]:
-    """Return the paths of the highest iteration; all of them if none is of an iteration."""
-    numbers = [max((int(n) for n in _ITERATION.findall(str(path))), default=-1) for path in paths]
-    return [path for path, number in zip(paths, numbers, strict=True) if number == max(numbers)]
+def _iteration(path: Path) -> int:
+    """Return the iteration of the training that a path is of, or -1."""
+    return max((int(number) for number in _ITERATION.findall(str(path))), default=-1)
 
 
 def read_ids(file: Path, tasks: Sequence[Task]) -> dict[str, tuple[int, ...]]:
