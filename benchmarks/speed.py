@@ -27,7 +27,6 @@ from typing import Any
 
 import numpy as np
 import waits
-import whole_captures
 from quality import parser_of
 from rich.console import Console
 from rich.table import Table
@@ -54,7 +53,7 @@ def main() -> None:
     parser.add_argument("--capture", type=Path, default=sample.SCENE, help="captures: splat file of a whole capture")
     parser.add_argument("--at", nargs=3, type=float, default=(0.0, 0.0, 0.0), help="captures: middle of a thing in it")
     parser.add_argument("--reach", type=float, default=0.5, help="captures: half the thing's size, in scene units")
-    parser.add_argument("--copies", nargs="+", type=int, default=whole_captures.SIZES,
+    parser.add_argument("--copies", nargs="+", type=int, default=waits.SIZES,
                         help="captures: numbers of Gaussians of copies of the capture side by side")  # fmt: skip
     parser.add_argument("--scene", type=Path, default=sample.SCENE, help="stages: splat file of the scene")
     parser.add_argument("--selection", type=Path, default=sample.SELECTION, help="stages: a selection in it")
@@ -83,9 +82,8 @@ def waits_section(options: Namespace) -> Iterator[Record]:
 
 
 def captures_section(options: Namespace) -> Iterator[Record]:
-    up = tuple(options.up or (0.0, 0.0, 1.0))
-    thing = options.capture, tuple(options.at), options.reach, up
-    return whole_captures.measure(*thing, tuple(options.copies), options.runs, options.against)
+    thing = {"at": options.at, "reach": options.reach, "up": options.up or (0.0, 0.0, 1.0)}
+    return waits.measure_capture(options.capture, thing, options.copies, options.runs, options.against)
 
 
 def stages_section(options: Namespace) -> Iterator[Record]:

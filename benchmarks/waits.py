@@ -1,7 +1,8 @@
-"""What people wait for: the command, trims, clicks, batches, each in a process of its own; see `speed.py`.
+"""What people wait for: the command, trims, clicks, batches, and tasks in whole captures; see `speed.py`.
 
-Times of another commit are taken in turn with those of this one, from its sources in a worktree of their own, so that
-both meet the same machine. Ratios of such pairs hold where seconds change from hour to hour.
+Each task runs in a process of its own; its figures are those of the work alone, but for peak memory, which is that of
+the process. Times of another commit are taken in turn with those of this one, from its sources in a worktree of their
+own, so that both meet the same machine. Ratios of such pairs hold where seconds change from hour to hour.
 
 Only the package's public names and what has stood for long are used here, so that old commits can be measured, too.
 """
@@ -10,12 +11,13 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -29,9 +31,21 @@ import numpy as np
 import gaussian_trimmer as gt
 
 SOURCES = Path(__file__).parents[1]
+SIZES = (1_500_000, 3_000_000, 12_000_000)
+"""Numbers of Gaussians of copies of a capture side by side."""
 _WARM_RUNS = 3
 _MILLION, _LARGE = 1_000_000, 3_000_000
 _COPIES = 4
+_SMALL_REACH = 4
+"""The small scene is what lies so many times as far from the thing as its own half size."""
+_OBJECTS_REMOVED = 20
+_FIELD_OF_VIEW = np.radians(60)
+_WIDTH, _HEIGHT = 640, 480
+_STAND_OFF = 3.0
+"""Distance of the camera from the thing, in half sizes of it."""
+Figures = dict[str, float]
+"""Seconds, processor seconds and peak memory in bytes, by name."""
+_FIGURES = ("seconds", "processor", "peak_bytes")
 
 
 @dataclass(frozen=True)
@@ -39,15 +53,22 @@ class Wait:
     """What is measured, and on what."""
 
     task: str
-    root: str
-    """Folder of a benchmark scene."""
-    object: str
-    """One of its objects."""
     folder: str
     """Where files may be made; what one process leaves there another one finds."""
+    root: str = ""
+    """Folder of a benchmark scene, or a splat file of a whole capture."""
+    object: str = ""
+    """One of the benchmark scene's objects."""
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Middle of a thing in the capture."""
+    reach: float = 0.0
+    """Half the thing's size, in scene units."""
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """Up vector of the capture."""
 
     def scene(self) -> Any:
-        return gt.read(Path(self.root) / "scene.ply")
+        root = Path(self.root)
+        return gt.read(root / "scene.ply" if root.is_dir() else root)
 
     def cameras(self) -> Any:
         return gt.read_cameras(Path(self.root) / "cameras.json")
@@ -68,52 +89,67 @@ class Wait:
             make(path)
         return path
 
+    def view(self) -> Any:
+        """A view of the thing, obliquely from above, in which only its surroundings are drawn."""
+        from gaussian_trimmer.cameras import Camera, Viewpoint, intrinsics, look_at
 
-def _warm(work: Callable[[], Any], before: Callable[[], Any] = lambda: None) -> float:
-    """Median seconds of some work that was done once already, each time after something that does not count."""
-    seconds = []
-    for _ in range(_WARM_RUNS + 1):
+        up, at = np.array(self.up), np.array(self.at)
+        level = np.linalg.svd(up[None])[2][1]
+        position = at + _STAND_OFF * self.reach * (level + up) / np.sqrt(2)
+        pinhole = intrinsics(_FIELD_OF_VIEW, _WIDTH, _HEIGHT)
+        camera = Camera(look_at(position, at, up), pinhole, _WIDTH, _HEIGHT, near=0.02 * self.reach)
+        return Viewpoint(camera, self.at, 0.95 * _STAND_OFF * self.reach)
+
+
+def _measured(work: Callable[[], Any], before: Callable[[], Any] = lambda: None, warm_runs: int = 0) -> Figures:
+    """Seconds and processor seconds of the first run, or medians of later ones; what is done before does not count."""
+    figures = []
+    for _ in range(warm_runs + 1):
         before()
-        start = time.perf_counter()
+        start, processor_start = time.perf_counter(), time.process_time()
         work()
-        seconds.append(time.perf_counter() - start)
-    return median(seconds[1:])
+        figures.append((time.perf_counter() - start, time.process_time() - processor_start))
+    seconds, processor = (median(column[min(warm_runs, 1) :]) for column in zip(*figures, strict=True))
+    return {"seconds": seconds, "processor": processor}
 
 
-def _run(*command: Any, **environment: str) -> float:
-    start = time.perf_counter()
+_warm = partial(_measured, warm_runs=_WARM_RUNS)
+
+
+def _run(*command: Any, **environment: str) -> Figures:
     words = [sys.executable, "-m", "gaussian_trimmer", *map(str, command)]
-    subprocess.run(words, check=True, stdout=subprocess.DEVNULL, env={**os.environ, **environment})
-    return time.perf_counter() - start
+    return _measured(
+        lambda: subprocess.run(words, check=True, stdout=subprocess.DEVNULL, env={**os.environ, **environment})
+    )
 
 
-def help_page(wait: Wait) -> float:
+def help_page(wait: Wait) -> Figures:
     return _run("--help")
 
 
-def first_run(wait: Wait) -> float:
+def first_run(wait: Wait) -> Figures:
     """The demo where no kernel has been compiled yet."""
     with tempfile.TemporaryDirectory(dir=wait.folder) as empty:
         return _run("demo", "--output", f"{empty}/demo", "--quiet", NUMBA_CACHE_DIR=empty)
 
 
-def command(wait: Wait) -> float:
+def command(wait: Wait) -> Figures:
     selection = wait.file(f"{wait.object}.npy", partial(_save_selection, wait, ""))
     root, output = Path(wait.root), Path(wait.folder) / "trimmed"
     return _run("trim", root / "scene.ply", selection, "--cameras", root / "cameras.json", "--output", output,
                 "--overwrite", "--quiet")  # fmt: skip
 
 
-def trim(wait: Wait, **settings: Any) -> float:
+def trim(wait: Wait, **settings: Any) -> Figures:
     scene, selection, cameras = wait.scene(), wait.selection(), wait.cameras()
     return _warm(lambda: gt.trim(scene, selection, cameras=cameras, config=gt.TrimConfig(**settings)))
 
 
-def trim_alone(wait: Wait) -> float:
+def trim_alone(wait: Wait) -> Figures:
     return trim(wait, refine="off", background="exact")
 
 
-def large_scene(wait: Wait) -> float:
+def large_scene(wait: Wait) -> Figures:
     """The trim with copies of the scene beside it, three million Gaussians in all."""
     from synthetic_scenes import tiled
 
@@ -122,15 +158,16 @@ def large_scene(wait: Wait) -> float:
     return _warm(lambda: gt.trim(scene, selection, cameras=cameras))
 
 
-def objects_together(wait: Wait) -> float:
+def objects_together(wait: Wait) -> Figures:
     """Objects of the scene together, relative to the slowest of them alone."""
     scene, cameras = wait.scene(), wait.cameras()
     selections = {name: wait.selection(name) for name in wait.objects[:5]}
-    alone = [_warm(lambda s=s: gt.trim(scene, s, cameras=cameras)) for s in selections.values()]  # type: ignore[misc]
-    return _warm(lambda: gt.trim_objects(scene, selections, cameras=cameras)) / max(alone)
+    alone = [_warm(partial(gt.trim, scene, selection, cameras=cameras)) for selection in selections.values()]
+    together = _warm(lambda: gt.trim_objects(scene, selections, cameras=cameras))
+    return {name: value / max(one[name] for one in alone) for name, value in together.items()}
 
 
-def click(wait: Wait, path: Path | None = None) -> float:
+def click(wait: Wait, path: Path | None = None) -> Figures:
     """A click in the app's session, in the view that shows most of the object, where it is thickest."""
     from gaussian_trimmer.app import edits
     from gaussian_trimmer.app.session import Session
@@ -152,7 +189,7 @@ def click(wait: Wait, path: Path | None = None) -> float:
     return _warm(lambda: session.do(edits.mark, mark), lambda: session.do(edits.clear))
 
 
-def click_in_a_million(wait: Wait) -> float:
+def click_in_a_million(wait: Wait) -> Figures:
     from synthetic_scenes import tiled
 
     def make(path: Path) -> None:
@@ -161,7 +198,7 @@ def click_in_a_million(wait: Wait) -> float:
     return click(wait, wait.file("million.ply", make))
 
 
-def batch(wait: Wait, *options: str) -> float:
+def batch(wait: Wait, *options: str) -> Figures:
     """Seconds an item of a batch takes on two processes: the objects of copies of the scene."""
     root = Path(wait.root)
 
@@ -178,14 +215,68 @@ def batch(wait: Wait, *options: str) -> float:
     manifest.write_text("\n".join(rows) + "\n")
     with tempfile.TemporaryDirectory(dir=wait.folder) as output:
         words = ["batch", manifest, "--output", f"{output}/out", "--quiet", "--workers", 2, *options]
-        return _run(*words) / (len(rows) - 1)
+        return {name: value / (len(rows) - 1) for name, value in _run(*words).items()}
 
 
 def _save_selection(wait: Wait, name: str, path: Path) -> None:
     np.save(path, wait.selection(name))
 
 
-TASKS: dict[str, Callable[[Wait], float]] = {
+def read(wait: Wait) -> Figures:
+    return _measured(wait.scene)
+
+
+def click_thing(wait: Wait) -> Figures:
+    scene = wait.scene()
+    mark = gt.marks.Click(_WIDTH // 2, _HEIGHT // 2, wait.view())
+    return _warm(lambda: gt.select(scene, [mark], up=wait.up))
+
+
+def box_thing(wait: Wait) -> Figures:
+    scene = wait.scene()
+    half = int(0.5 * _HEIGHT / np.tan(_FIELD_OF_VIEW / 2) / _STAND_OFF)
+    x, y = _WIDTH // 2, _HEIGHT // 2
+    mark = gt.marks.Box(x - half, y - half, x + half, y + half, wait.view())
+    return _warm(lambda: gt.select(scene, [mark], up=wait.up))
+
+
+def _near(scene: Any, wait: Wait, reach: float) -> Any:
+    return np.linalg.norm(scene.means - np.array(wait.at, np.float32), axis=1) < reach
+
+
+def trim_thing(wait: Wait) -> Figures:
+    """A warm trim of a ball around the thing."""
+    scene = wait.scene()
+    selection = _near(scene, wait, wait.reach)
+    return _warm(lambda: gt.trim(scene, selection, up=wait.up))
+
+
+def trim_in_surroundings(wait: Wait) -> Figures:
+    """The same trim in a scene of the surroundings alone, which the whole one is held against."""
+    whole = wait.scene()
+    scene = whole.select(np.flatnonzero(_near(whole, wait, _SMALL_REACH * wait.reach)))
+    selection = _near(scene, wait, wait.reach)
+    return _warm(lambda: gt.trim(scene, selection, up=wait.up))
+
+
+def objects(wait: Wait) -> Figures:
+    scene, found = wait.scene(), []
+    figures = _measured(lambda: found.append(gt.find_objects(scene, up=wait.up)))
+    labels = Path(wait.folder) / "found.npy"
+    if not labels.exists():
+        chosen = [each.id for each in found[0].objects if each.kind == "object"][:_OBJECTS_REMOVED]
+        np.save(labels, np.where(np.isin(found[0].labels, chosen), found[0].labels, 0))
+    return figures
+
+
+def empty(wait: Wait) -> Figures:
+    """Trim found objects together and fill one background in which all of them are gone."""
+    scene, labels = wait.scene(), np.load(Path(wait.folder) / "found.npy")
+    selections = {str(number): labels == number for number in np.unique(labels[labels > 0])}
+    return _measured(lambda: gt.trim_objects(scene, selections, up=wait.up))
+
+
+TASKS: dict[str, Callable[[Wait], Figures]] = {
     "first run": first_run,
     "--help": help_page,
     "command": command,
@@ -202,63 +293,107 @@ OF_AN_OBJECT = ("command", "trim", "trim without fit and background", "trim in a
 """Tasks that are measured for each object."""
 
 
+OF_A_CAPTURE: dict[str, Callable[[Wait], Figures]] = {
+    "read": read,
+    "click": click_thing,
+    "box": box_thing,
+    "trim": trim_thing,
+    "trim in its surroundings alone": trim_in_surroundings,
+    "objects": objects,
+    "background without 20 objects": empty,
+}
+_ONCE = ("objects", "background without 20 objects")
+
+
 def measure(
     root: Path, objects: Sequence[str], runs: int, against: str, left_out: Sequence[str]
 ) -> Iterator[dict[str, Any]]:
     """A record for each task: medians in seconds of this version and the other, and of the ratios of pairs."""
-    with tempfile.TemporaryDirectory(prefix="waits-") as folder, sources_of(against) as before:
-        versions = {"before": before, "now": SOURCES} if before else {"now": SOURCES}
+    with tempfile.TemporaryDirectory(prefix="waits-") as folder, versions_with(against) as versions:
+        place = str(root.absolute())
         for sources in versions.values():  # compiles the kernels, and those of large objects
             for task in ("command", "click"):
-                _seconds_of(Wait(task, str(root.absolute()), objects[-1], folder), sources)
+                _in_process(Wait(task, folder, place, objects[-1]), sources)
         for task in TASKS:
             for name in objects if task in OF_AN_OBJECT else objects[:1]:
-                if task in left_out:
-                    continue
-                wait = Wait(task, str(root.absolute()), name, folder)
-                times: dict[str, list[float]] = {version: [] for version in versions}
-                for _ in range(runs):
-                    for version, sources in versions.items():
-                        times[version].append(_seconds_of(wait, sources))
-                record: dict[str, Any] = {"task": f"{task}, {name}" if task in OF_AN_OBJECT else task}
-                record |= {version: median(seconds) for version, seconds in times.items()}
-                if before:
-                    pairs = zip(times["now"], times["before"], strict=True)
-                    record["ratio"] = median(now / then for now, then in pairs)
-                yield record
+                if task not in left_out:
+                    named = f"{task}, {name}" if task in OF_AN_OBJECT else task
+                    yield {"task": named, **_figures(Wait(task, folder, place, name), versions, runs)}
+
+
+def measure_capture(
+    capture: Path, thing: Mapping[str, Any], sizes: Sequence[int], runs: int, against: str
+) -> Iterator[dict[str, Any]]:
+    """A record for each task and size of a capture made of copies.
+
+    Finding is measured once, and where nothing was copied: what it takes grows with what there is to find. A size below
+    the capture's own stands for the capture itself.
+    """
+    with tempfile.TemporaryDirectory(prefix="captures-") as folder, versions_with(against) as versions:
+        for number, size in enumerate(sizes):
+            made = Path(folder) / "capture.ply"
+            subprocess.run([sys.executable, __file__, "enlarge", capture.absolute(), made, str(size)], check=True)
+            for task in OF_A_CAPTURE:
+                if not (task in _ONCE and number):
+                    wait = Wait(task, folder, str(made), **thing)
+                    figures = _figures(wait, versions, 1 if task in _ONCE else runs)
+                    yield {"task": task, "million": size / 1e6, **figures}
 
 
 @contextmanager
-def sources_of(commit: str) -> Iterator[Path | None]:
-    """A folder with the sources of a commit; None for no commit."""
+def versions_with(commit: str) -> Iterator[dict[str, Path]]:
+    """This version's sources, and beside them those of a commit, if one is given."""
     if not commit:
-        yield None
+        yield {"now": SOURCES}
         return
     with tempfile.TemporaryDirectory(prefix="before-") as folder:
         git = ["git", "-C", str(SOURCES), "worktree"]
         subprocess.run([*git, "add", "--quiet", "--detach", f"{folder}/sources", commit], check=True)
         try:
-            yield Path(folder) / "sources"
+            yield {"now": SOURCES, "before": Path(folder) / "sources"}
         finally:
             subprocess.run([*git, "remove", "--force", f"{folder}/sources"], check=True)
 
 
-def said_in_process(script: str, wait: Any, sources: Path, **environment: str) -> str | None:
-    """The last line that a script says of a wait, with a version's sources; None where an old one lacks the task."""
+def _figures(wait: Wait, versions: Mapping[str, Path], runs: int) -> Figures:
+    """Medians of a task by this version, and seconds of the other in turn with the median of their ratios."""
+    found: dict[str, list[Figures]] = {version: [] for version in versions}
+    for _ in range(runs):
+        for version in versions:
+            found[version].append(_in_process(wait, versions[version]))
+    record = {name: median(each[name] for each in found["now"]) for name in _FIGURES}
+    if "before" in found:
+        pairs = [(now["seconds"], then["seconds"]) for now, then in zip(found["now"], found["before"], strict=True)]
+        record |= {"before": median(then for _, then in pairs), "ratio": median(now / then for now, then in pairs)}
+    return record
+
+
+def _in_process(wait: Wait, sources: Path) -> Figures:
+    """The figures of a task, with a version's sources; those of an old one that lacks the task are no numbers."""
     path = os.pathsep.join([str(sources / "src"), *filter(None, [os.environ.get("PYTHONPATH")])])
-    environment = {**os.environ, "PYTHONPATH": path, **environment}
+    environment = {**os.environ, "PYTHONPATH": path, **({} if wait.object else {"OPENBLAS_NUM_THREADS": "1"})}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
-    command = [sys.executable, script, json.dumps(asdict(wait))]
+    command = [sys.executable, __file__, json.dumps(asdict(wait))]
     done = subprocess.run(command, env=environment, capture_output=True, check=False)
     if done.returncode and sources == SOURCES:
         raise RuntimeError(f"'{wait.task}' ended with code {done.returncode}: {done.stderr.decode()[-2000:]}")
-    return None if done.returncode else done.stdout.decode().splitlines()[-1]
+    if done.returncode:
+        return dict.fromkeys(_FIGURES, float("nan"))
+    return dict(json.loads(done.stdout.decode().splitlines()[-1]))
 
 
-def _seconds_of(wait: Wait, sources: Path) -> float:
-    return float(said_in_process(__file__, wait, sources) or "nan")
+def _enlarge(capture: Path, made: Path, size: int) -> None:
+    from synthetic_scenes import copied
+
+    scene = gt.read(capture)
+    gt.write(copied(scene, np.ones(len(scene), bool), size)[0], made)
 
 
 if __name__ == "__main__":
-    asked = Wait(**json.loads(sys.argv[1]))
-    print(TASKS[asked.task](asked))
+    if sys.argv[1] == "enlarge":
+        _enlarge(Path(sys.argv[2]), Path(sys.argv[3]), int(sys.argv[4]))
+    else:
+        asked = Wait(**json.loads(sys.argv[1]))
+        measured = (TASKS if asked.object else OF_A_CAPTURE)[asked.task](asked)
+        peak_bytes = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        print(json.dumps(measured | {"peak_bytes": peak_bytes}))
