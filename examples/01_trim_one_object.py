@@ -10,7 +10,7 @@ scene = gt.read(sample.SCENE)
 rough = gt.read_selection(sample.SELECTION, scene)
 result = gt.trim(scene, rough, cameras=gt.read_cameras(sample.CAMERAS))
 
-folder = result.save(Path(tempfile.mkdtemp(prefix="lighthouse-")))
+folder = gt.save(result, Path(tempfile.mkdtemp(prefix="lighthouse-")))
 print(
     f"{rough.sum()} Gaussians selected, {result.object_mask.sum()} after trimming; see {folder / 'before_after.png'}."
 )

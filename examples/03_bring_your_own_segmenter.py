@@ -31,5 +31,5 @@ scene = gt.read(sample.SCENE)
 rough = gt.read_selection(sample.SELECTION, scene)
 for segmenter in ("silhouette", WatershedSegmenter()):
     result = gt.trim(scene, rough, up="z", segmenter=segmenter)
-    believed = sum(not view.rejected for view in result.views)
+    believed = sum(not view.rejected for view in result.objects[0].views)
     print(f"{result.segmenter}: {believed} masks believed, {result.object_mask.sum()} of {rough.sum()} Gaussians kept")

@@ -17,5 +17,5 @@ together = gt.trim_objects(scene, chosen, cameras=cameras)
 for part in together.objects:
     print(f"{part.title}: {len(part.gaussians)} Gaussians, centre {part.bounds.centre.round(2)}")
 
-folder = together.save(Path(tempfile.mkdtemp(prefix="objects-")))
+folder = gt.save(together, Path(tempfile.mkdtemp(prefix="objects-")))
 print(f"A file for each object, and one scene without them: {folder}")

@@ -13,7 +13,7 @@ result = gt.trim(scene, rough, cameras=gt.read_cameras(sample.CAMERAS), config=g
 
 folder = Path(tempfile.mkdtemp(prefix="engines-"))
 for name, engine in ENGINES.items():
-    place = placement_for(result.object, result.up.direction, engine=name, scale=100)  # centimetres
+    place = placement_for(result.object, result.objects[0].up.direction, engine=name, scale=100)  # centimetres
     for part in ("object", "background"):
         gt.write(place.apply(getattr(result, part)), folder / f"{part}_{name}{engine.reads[0]}")
     size = place.as_json(result.object)["box"]["size"]

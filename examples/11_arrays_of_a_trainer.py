@@ -13,8 +13,8 @@ scene = gt.Gaussians.from_arrays(**arrays)
 result = gt.trim(scene, rough, up="z", views=3, config=gt.TrimConfig.of({"background": "exact", "refine": "off"}))
 
 mine = result.object_mask  # (N,), over the rows of the arrays
-print(f"{mine.sum()} of {len(mine)} rows are the object's; {'refused' if result.refused else 'trimmed'}")
-bounds = result.bounds
+print(f"{mine.sum()} of {len(mine)} rows are the object's; {'refused' if result.objects[0].refused else 'trimmed'}")
+bounds = result.objects[0].bounds
 print(
     f"centre {bounds.centre.round(2)}, size {(2 * bounds.half_extents).round(2)} along {bounds.axes.round(1).tolist()}"
 )

@@ -43,9 +43,7 @@ LAYERS = (
 """Rooms of the package, callers last. A room imports from itself and from layers before its own; base modules, of which
 each is one file, also from each other."""
 
-EXCEPTIONS = {
-    ("trimming", "output"): "a result saves itself by late imports",
-}
+EXCEPTIONS: dict[tuple[str, str], str] = {}
 """Imports between rooms that the layers would forbid, with the reason."""
 
 NAME = re.compile(r"gaussian_trimmer(\.\w+)+(:\w+|\.)?")

@@ -25,6 +25,12 @@ def report_of(folder):
     return json.loads((folder / "report.json").read_text())
 
 
+def object_of(folder):
+    """What the report of a trim says of its only object."""
+    (entry,) = report_of(folder)["objects"]
+    return entry
+
+
 def test_trim_writes_everything(ball, tmp_path, capsys):
     folder, scene, truth = ball
     output = tmp_path / "out"
@@ -40,7 +46,7 @@ def test_trim_writes_everything(ball, tmp_path, capsys):
     assert toy.jaccard(trimmed, truth) > max(0.9, toy.jaccard(rough, truth))
     printed = capsys.readouterr()
     assert printed.err == ""
-    assert "5 of 5 used; their masks follow the selection" in " ".join(printed.out.split())
+    assert "5 of 5 views used, whose masks follow the selection; checked from all sides" in printed.out
     assert str(output) in printed.out
 
 
@@ -52,7 +58,7 @@ def test_json_is_all_that_services_see(ball, tmp_path, capsys, monkeypatch):
     assert run(*command, "--output", tmp_path / "out", "--log-level", "info") == 0
     printed = capsys.readouterr()
     told = json.loads(printed.out)
-    assert told["counts"] == report_of(tmp_path / "out")["counts"] and told["refused"] is None
+    assert told["objects"] == report_of(tmp_path / "out")["objects"] and told["objects"][0]["refused"] is None
     assert told["folder"] == str(tmp_path / "out")
     assert {"object.ply", "manifest.json"} <= set(told["files"])
     assert all((tmp_path / "out" / name).is_file() for name in told["files"])
@@ -60,7 +66,7 @@ def test_json_is_all_that_services_see(ball, tmp_path, capsys, monkeypatch):
     np.save(tmp_path / "labels.npy", np.load(folder / "rough.npy").astype(np.uint8))
     several = ["trim", folder / "scene.ply", "--labels", tmp_path / "labels.npy", "--up", "z", *SMALL, "--json"]
     assert run(*several, "--output", tmp_path / "several") == 0
-    assert json.loads(capsys.readouterr().out)["name"] == "1"
+    assert [each["name"] for each in json.loads(capsys.readouterr().out)["objects"]] == ["1"]
     selecting = ["select", folder / "scene.ply", "--sphere", 0, 0, 1, 1, "--output", tmp_path / "a.npy", "--json"]
     assert run(*selecting) == 0
     told = json.loads(capsys.readouterr().out)
@@ -76,14 +82,14 @@ def test_options_of_all_stages_reach_the_trimmer(ball, tmp_path):
     command += ["--up", 0, -0.1, 1, "--views", 3, "--segmenter", "grabcut", "--grabcut.iterations", 1]
     command += ["--split.rule", "none", "--evidence.no-recover", "--format", "splat"]
     assert run(*command) == 0
-    report = report_of(tmp_path)
+    report, entry = report_of(tmp_path), object_of(tmp_path)
     assert report["configuration"]["split"]["rule"] == "none"
     assert not report["configuration"]["evidence"]["recover"]
-    assert (len(report["views"]), report["segmenter"]) == (3, "grabcut")
+    assert (len(entry["views"]), report["segmenter"]) == (3, "grabcut")
     assert report["inputs"]["segmenter_options"]["iterations"] == 1
-    assert report["up"]["direction"][1] == pytest.approx(-0.1 / np.hypot(0.1, 1))
-    assert report["counts"]["added"] == report["counts"]["split"] == 0
-    assert len(formats.read(tmp_path / "object.splat")) == report["counts"]["object"]
+    assert entry["up"]["direction"][1] == pytest.approx(-0.1 / np.hypot(0.1, 1))
+    assert entry["counts"]["added"] == report["counts"]["split"] == 0
+    assert len(formats.read(tmp_path / "object.splat")) == entry["counts"]["object"]
 
 
 def test_which_rows_were_fitted_is_said_on_disk(ball, tmp_path):
@@ -95,7 +101,7 @@ def test_which_rows_were_fitted_is_said_on_disk(ball, tmp_path):
     theirs = scene.means[labels["source_index"][: labels["n_object"]]]
     moved = np.flatnonzero((mine.means != theirs).any(axis=1))
     assert len(moved) and set(moved) <= set(labels["fitted"])
-    assert report_of(tmp_path)["counts"]["fitted"] == len(labels["fitted"]) < len(mine)
+    assert object_of(tmp_path)["counts"]["fitted"] == len(labels["fitted"]) < len(mine)
 
 
 def test_selection_options_choose_among_several_objects(ball, tmp_path):
@@ -105,7 +111,7 @@ def test_selection_options_choose_among_several_objects(ball, tmp_path):
     command = ["trim", folder / "scene.ply", tmp_path / "labels.npy", "--output", tmp_path / "out", *SMALL, "--quiet"]
     assert run(*command, "--selection.object-id", 3) == 0
     report = report_of(tmp_path / "out")
-    assert report["counts"]["selected"] == np.count_nonzero(rough)
+    assert report["objects"][0]["counts"]["selected"] == np.count_nonzero(rough)
     assert report["inputs"]["selection_options"]["object_id"] == [3]
 
 
@@ -124,7 +130,7 @@ def test_object_alone_needs_no_selection(ball, tmp_path):
     formats.write(scene.select(truth), tmp_path / "ball.ply")
     command = ["trim", tmp_path / "ball.ply", "--up", 0, 0, 1, "--output", tmp_path / "out", *SMALL, "--quiet"]
     assert run(*command) == 0
-    assert report_of(tmp_path / "out")["counts"]["selected"] == np.count_nonzero(truth)
+    assert object_of(tmp_path / "out")["counts"]["selected"] == np.count_nonzero(truth)
 
 
 def test_own_masks_take_the_place_of_virtual_views(ball, tmp_path):
@@ -132,7 +138,7 @@ def test_own_masks_take_the_place_of_virtual_views(ball, tmp_path):
     command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, "--quiet"]
     command += ["--segmenter", "mask-files", "--mask-files.folder", folder / "masks"]
     assert run(*command, "--cameras", folder / "cameras.json") == 0
-    report = report_of(tmp_path)
+    report = object_of(tmp_path)
     assert [view["name"] for view in report["views"]] == ["0.png", "1.png", "2.png", "3.png"]
     assert report["up"]["source"] == "camera file"
 
@@ -400,8 +406,8 @@ def test_what_the_terminal_warns_of_stands_in_the_report(ball, tmp_path, capsys)
         assert run(*command, "--output", tmp_path / "out", "--json", *more) == 0
         printed = capsys.readouterr()
         report = json.loads(printed.out)
-        assert report_of(tmp_path / "out").get("warnings") == report.get("warnings")
-        for entry in report.get("objects", [report]):
+        assert report_of(tmp_path / "out")["objects"] == report["objects"]
+        for entry in report["objects"]:
             (guess,) = (sentence for sentence in entry["warnings"] if "up vector is a guess" in sentence)
         assert printed.err.count(guess) == 1 and f"gaussian-trimmer: {guess}\n" in printed.err
 
@@ -410,11 +416,8 @@ def test_the_summary_adds_up(ball, tmp_path, capsys):
     folder, _, _ = ball
     assert run("trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, *SMALL) == 0
     printed = capsys.readouterr().out
-    counts = {
-        name.strip(): int(number) for name, number in re.findall(r"^ *(\w[\w ]*?)  +(\d+)", printed, re.MULTILINE)
-    }
-    assert counts["selected"] == sum(counts.get(name, 0) for name in ("kept", "cut", "removed", "discarded"))
-    assert "split" not in printed
+    said = re.search(r"Of (\d+) selected, ([^;(]*)", printed)
+    assert int(said[1]) == sum(map(int, re.findall(r"\d+", said[2])))
 
 
 def test_an_earlier_trim_is_kept_out_of_the_next(ball, tmp_path, capsys):
@@ -430,7 +433,7 @@ def test_an_earlier_trim_is_kept_out_of_the_next(ball, tmp_path, capsys):
     assert run(*command, tmp_path / "wider.npy", *exclude, "--output", tmp_path / "b") in (0, 3)
     second = np.load(tmp_path / "b" / "labels.npz")
     assert not np.isin(second["source_index"][: second["n_object"]], taken).any()
-    assert report_of(tmp_path / "b")["counts"]["selected"] == np.count_nonzero(wider) - wider[taken].sum()
+    assert object_of(tmp_path / "b")["counts"]["selected"] == np.count_nonzero(wider) - wider[taken].sum()
     np.save(tmp_path / "ids.npy", np.where(wider, 4, 0))
     assert run(*command, "--labels", tmp_path / "ids.npy", *exclude, "--output", tmp_path / "c") == 0
     several = np.load(tmp_path / "c" / "labels.npz")
@@ -471,8 +474,7 @@ def test_lines_of_a_summary_are_whole_where_there_is_no_terminal(ball, tmp_path,
     assert run("trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path / "out", *SMALL) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines == [line.rstrip() for line in lines]
-    (views,) = (line for line in lines if line.startswith("views"))
-    assert views.endswith("so none could be rejected")
+    assert [line.partition(":")[0] for line in lines[:2]] == ["object", "background"]
 
 
 def test_up_has_no_negative_zero(ball, tmp_path, capsys):
@@ -480,7 +482,7 @@ def test_up_has_no_negative_zero(ball, tmp_path, capsys):
     command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path / "out", *SMALL]
     assert run(*command, "--up", -1e-5, -1e-5, 1, "--html") == 0
     assert "0.000 0.000 1.000 (given" in capsys.readouterr().out
-    assert "-0.000" not in (tmp_path / "out" / "report.html").read_text().split("up vector")[1][:100]
+    assert "-0.000" not in (tmp_path / "out" / "report.html").read_text().split("Up: ")[1][:100]
 
 
 def test_overview_names_every_command_and_the_version(capsys):
@@ -551,8 +553,9 @@ def test_photographs_take_the_place_of_virtual_views(ball, tmp_path):
     command += ["--cameras", folder / "cameras.json", "--photos", tmp_path / "photos", "--segmenter", "grabcut"]
     assert run(*command) == 0
     report = report_of(tmp_path / "out")
-    assert {view["name"] for view in report["views"]} <= {"0.png", "1.png", "2.png", "3.png"}
-    assert len(report["views"]) >= 3
+    views = report["objects"][0]["views"]
+    assert {view["name"] for view in views} <= {"0.png", "1.png", "2.png", "3.png"}
+    assert len(views) >= 3
     assert report["inputs"]["photos"] == str(tmp_path / "photos")
     assert "photographs" in report["segmenter"]
 

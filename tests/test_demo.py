@@ -36,9 +36,10 @@ def test_demo_trims_the_lighthouse_and_says_where_to_look(tmp_path, monkeypatch,
         assert f"trimmed/demo/{name}" in printed.replace("\\", "/")
         assert (folder / name).exists()
     report = json.loads((folder / "report.json").read_text())
-    assert report["refused"] is None
-    assert all(view["accepted"] for view in report["views"])
+    (entry,) = report["objects"]
+    assert entry["refused"] is None
+    assert all(view["accepted"] for view in entry["views"])
     # The table around the foot goes, and not much else.
-    counts = report["counts"]
+    counts = entry["counts"]
     assert 50 < counts["removed"] + counts["discarded"] < 250
-    assert 2100 < report["counts"]["object"] == len(formats.read(folder / "object.ply")) < 2413
+    assert 2100 < counts["object"] == len(formats.read(folder / "object.ply")) < 2413

@@ -12,6 +12,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.selecting.marks import Sphere
 from gaussian_trimmer.trimming.diagnosis import neighbour_agreement, selection_warning, up_warning
 from gaussian_trimmer.trimming.trim import trim
@@ -33,16 +34,16 @@ def far_away(scene, shift):
 
 
 def check_untrimmed(result, selection):
-    assert result.views == ()
+    assert result.objects[0].views == ()
     np.testing.assert_array_equal(result.object_mask, selection)
     toy.check_parts(result, selection)
-    assert result.report["views"] == []
-    assert "\n" not in result.refused
+    assert describe(result)["objects"][0]["views"] == []
+    assert "\n" not in result.objects[0].refused
 
 
 def test_a_selection_of_rows_in_another_order_is_known():
     result = trim(SCENE, SCATTERED, config=CONFIG)
-    assert "scattered over the scene" in result.refused
+    assert "scattered over the scene" in result.objects[0].refused
     check_untrimmed(result, SCATTERED)
 
 
@@ -62,13 +63,13 @@ def test_the_agreement_of_large_scenes_is_judged_on_a_sample():
 
 def test_training_cameras_that_do_not_see_the_object_are_known():
     result = trim(SCENE, TRUTH, config=CONFIG, cameras=cameras_towards((0, -9, 2)))
-    assert "none of the 3 training cameras has the object" in result.refused
+    assert "none of the 3 training cameras has the object" in result.objects[0].refused
     check_untrimmed(result, TRUTH)
 
 
 def test_training_cameras_that_see_the_object_and_cameras_of_tests_are_taken():
     for cameras in (cameras_towards(toy.CENTRE), cameras_towards((0, -9, 2), train=False)):
-        assert trim(SCENE, TRUTH, config=CONFIG, cameras=cameras).refused is None
+        assert trim(SCENE, TRUTH, config=CONFIG, cameras=cameras).objects[0].refused is None
 
 
 @pytest.mark.parametrize(
@@ -77,8 +78,8 @@ def test_training_cameras_that_see_the_object_and_cameras_of_tests_are_taken():
      (TRUTH | ~TRUTH, "whole file")],
 )  # fmt: skip
 def test_a_selection_of_most_of_the_scene_is_doubted(selection, warning):
-    assert any(warning in text for text in trim(SCENE, selection, config=CONFIG).warnings)
-    assert trim(SCENE, TRUTH, config=CONFIG).warnings == ()
+    assert any(warning in text for text in trim(SCENE, selection, config=CONFIG).objects[0].warnings)
+    assert trim(SCENE, TRUTH, config=CONFIG).objects[0].warnings == ()
 
 
 def test_a_capture_of_little_but_the_object_is_not_doubted():
@@ -91,10 +92,10 @@ def test_a_capture_of_little_but_the_object_is_not_doubted():
 @pytest.mark.parametrize("up", ["x", (0, 1, 0.5), "-z"])
 def test_an_up_vector_that_the_ground_contradicts_is_doubted(up):
     result = trim(SCENE, TRUTH, config=CONFIG, up=up)
-    (warning,) = result.warnings
+    (warning,) = result.objects[0].warnings
     assert "degrees away" in warning
     assert "--up 0.00 0.00 1.00" in warning
-    assert result.report["warnings"][0] == warning
+    assert describe(result)["objects"][0]["warnings"][0] == warning
 
 
 def test_a_wall_behind_the_object_is_not_its_ground():
@@ -115,21 +116,21 @@ def test_a_wall_behind_the_object_is_not_its_ground():
 @pytest.mark.parametrize("up", ["z", (0, 0.3, 1), None])
 def test_an_up_vector_that_the_ground_confirms_is_not(up):
     config = toy.small_config(up=None)
-    assert trim(SCENE, TRUTH, config=config, up=up).warnings == ()
+    assert trim(SCENE, TRUTH, config=config, up=up).objects[0].warnings == ()
 
 
 @pytest.mark.parametrize("away", [0.0, 10.0, 500.0])
 def test_a_single_gaussian_is_not_an_object(away):
     selection = np.arange(len(SCENE)) == np.flatnonzero(TRUTH)[0]
     result = trim(SCENE.replace(means=SCENE.means + np.float32(away) * selection[:, None]), selection, config=CONFIG)
-    assert "a single Gaussian" in result.refused
+    assert "a single Gaussian" in result.objects[0].refused
     check_untrimmed(result, selection)
 
 
 def test_coordinates_in_which_the_gaussians_are_lost_are_known():
     scene = far_away(SCENE, (431_200, 5_412_345, 120))
     result = trim(scene, TRUTH, config=CONFIG)
-    assert "around 431200 5412345 121, where coordinates in single precision are 0.5 apart" in result.refused
+    assert "around 431200 5412345 121, where coordinates in single precision are 0.5 apart" in result.objects[0].refused
     check_untrimmed(result, TRUTH)
     for look in (gt.find_objects, lambda scene: gt.select(scene, [Sphere((431_200, 5_412_345, 121), 1)])):
         with pytest.raises(InputError, match="around 431200 5412345 "):
@@ -140,7 +141,7 @@ def test_coordinates_of_a_map_that_still_resolve_the_gaussians_are_trimmed():
     selection = toy.dilated(SCENE, TRUTH)
     near = trim(SCENE, selection, config=CONFIG)
     far = trim(far_away(SCENE, (43_120, -12_345, 120)), selection, config=CONFIG)
-    assert far.refused is None
+    assert far.objects[0].refused is None
     assert toy.jaccard(far.object_mask, near.object_mask) > 0.97
 
 

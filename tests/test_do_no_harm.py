@@ -23,7 +23,7 @@ def test_a_trim_that_would_leave_little_is_refused_and_the_selection_returned():
     bold = small_config(split=WHOLE, evidence=masks_alone, acceptance=AcceptanceConfig(max_wrong=1.0))
     assert jaccard(object_rows(trim(scene, truth, config=bold)), truth) < 0.4  # the case is one where trimming fails
     result = trim(scene, truth, config=small_config(split=WHOLE, evidence=masks_alone))
-    assert "would remain; 0.40 is needed" in result.refused
+    assert "would remain; 0.40 is needed" in result.objects[0].refused
     np.testing.assert_array_equal(object_rows(result), truth)
 
 
@@ -43,8 +43,8 @@ def test_an_object_that_other_things_hide_in_most_views_is_left_as_it_was():
     bold = small_config(acceptance=AcceptanceConfig(max_wrong=1.0))
     assert jaccard(object_rows(trim(scene, truth, config=bold)), truth) < 0.9  # the case is one where trimming fails
     result = trim(scene, truth, config=small_config())
-    assert "something nearer hides 0." in result.refused
-    assert "0.6 is allowed" in result.refused
+    assert "something nearer hides 0." in result.objects[0].refused
+    assert "0.6 is allowed" in result.objects[0].refused
     np.testing.assert_array_equal(object_rows(result), truth)
 
 
@@ -57,7 +57,7 @@ def test_what_shines_through_leaves_is_not_lost():
 def test_what_hides_nothing_changes_nothing():
     scene, truth = ball_on_floor()
     result = trim(scene, truth, config=small_config())
-    assert max(view.view.hidden_share for view in result.views) == 0
+    assert max(view.view.hidden_share for view in result.objects[0].views) == 0
 
 
 class WrongMasks:
@@ -73,5 +73,5 @@ class WrongMasks:
 def test_wrong_masks_do_not_destroy_an_object_by_the_papers_rules():
     scene, truth = ball_on_floor()
     result = trim(scene, truth, config=paper_config(small_config()), segmenter=WrongMasks())
-    assert result.refused is not None
+    assert result.objects[0].refused is not None
     np.testing.assert_array_equal(object_rows(result), truth)

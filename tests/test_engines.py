@@ -13,8 +13,7 @@ from scenes import front_camera, random_scene
 from gaussian_trimmer import formats
 from gaussian_trimmer.commands.scene_inputs import SceneInputs
 from gaussian_trimmer.formats import ply
-from gaussian_trimmer.output.engines import ENGINES, placement_for, rotation_between, turned
-from gaussian_trimmer.output.hull import convex_hull
+from gaussian_trimmer.output.engines import ENGINES, convex_hull, placement_for, rotation_between, turned
 from gaussian_trimmer.rendering import render
 
 

@@ -112,7 +112,7 @@ def test_without_a_limit_it_is_recovered(n_ball, seed, views):
 def test_a_sparse_ball_that_is_selected_exactly_stays_whole(n_ball, seed):
     truth = sparse_ball(n_ball, seed)[1]
     result = trimmed(truth, n_ball, seed)
-    assert (result.refused, result.only.floaters) == (None, 0)
+    assert (result.objects[0].refused, result.objects[0].floaters) == (None, 0)
     assert jaccard(object_rows(result), truth) >= 0.95
 
 
@@ -133,5 +133,5 @@ def test_a_hollow_ball_that_misses_a_cap_is_hardly_made_worse(n_ball, depth, see
     scene, truth = sparse_ball(n_ball, seed)
     rough = eroded(scene, truth, depth)
     result = trimmed(rough, n_ball, seed)
-    assert result.refused is None
+    assert result.objects[0].refused is None
     assert jaccard(object_rows(result), truth) >= jaccard(rough, truth) - (0.03 if depth > 0.5 else 0)

@@ -7,6 +7,8 @@ import toy
 from gaussian_trimmer import formats
 from gaussian_trimmer.evaluation.results import read_result
 from gaussian_trimmer.gaussians import SH_C0, concatenate
+from gaussian_trimmer.output.report import describe
+from gaussian_trimmer.output.saving import save
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
@@ -53,13 +55,13 @@ def test_what_was_filled_is_marked(results, tmp_path):
     without, filled = results
     count = filled.count(RowLabel.FILLED)
     assert count > 10
-    assert filled.report["counts"]["filled"] == count
+    assert describe(filled)["counts"]["filled"] == count
     assert (filled.background_source[-count:] == -1).all()
-    assert without.report["counts"]["filled"] == 0
+    assert describe(without)["counts"]["filled"] == 0
     taken_off = len(filled.discarded) - len(without.discarded)
     assert len(filled.background) == len(without.background) + count - taken_off
     toy.check_parts(filled, TRUTH)
-    filled.save(tmp_path)
+    save(filled, tmp_path)
     labels = np.load(tmp_path / "labels.npz", allow_pickle=False)
     assert labels["label_names"][labels["label"][-1]] == "filled"
     np.testing.assert_array_equal(formats.read(tmp_path / "background.ply").means, filled.background.means)
@@ -82,9 +84,9 @@ def test_what_is_hardly_seen_around_the_object_does_not_go_on():
     near = np.linalg.norm(SCENE.means[:, :2], axis=1) < 0.75
     wide, small = (trim(SCENE.select(part), TRUTH[part], config=CONFIG) for part in (near | ~near, near | TRUTH))
     assert wide.count(RowLabel.FILLED) > 10
-    assert wide.only.not_filled is None
+    assert wide.objects[0].not_filled is None
     assert not small.count(RowLabel.FILLED)
-    assert "too little" in small.only.not_filled
+    assert "too little" in small.objects[0].not_filled
 
 
 def test_without_a_flat_surface_nothing_is_filled():
@@ -93,5 +95,5 @@ def test_without_a_flat_surface_nothing_is_filled():
     scene, truth = concatenate([ball, rest]), np.arange(2 * len(ball)) < len(ball)
     result = trim(scene, truth, config=toy.small_config(background="filled"))
     assert not result.count(RowLabel.FILLED)
-    assert "no flat surface" in result.only.not_filled
-    assert result.report["not_filled"] == result.only.not_filled
+    assert "no flat surface" in result.objects[0].not_filled
+    assert describe(result)["objects"][0]["not_filled"] == result.objects[0].not_filled

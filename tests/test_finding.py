@@ -219,7 +219,7 @@ def test_an_up_vector_that_was_found_for_the_scene_is_that_of_its_trims(furnishe
     find = ["objects", tmp_path / "scene.ply", "--output", tmp_path / "found", "--keep", 1, "--trim", tmp_path / "one"]
     assert run(*find, *quick) in (0, 3)
     found = json.loads((tmp_path / "found" / "objects.json").read_text())["up"]
-    trimmed = json.loads((tmp_path / "one" / "report.json").read_text())["up"]
+    trimmed = json.loads((tmp_path / "one" / "report.json").read_text())["objects"][0]["up"]
     assert found["source"] == "ground plane" and found["confidence"] >= SURE_CONFIDENCE
     assert trimmed["direction"] == pytest.approx(found["direction"])
     (row,) = csv.DictReader((tmp_path / "found" / "batch.csv").open())

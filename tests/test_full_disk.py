@@ -13,6 +13,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.writing import save_array
 from gaussian_trimmer.output.pictures import write_picture
+from gaussian_trimmer.output.saving import save
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views.virtual_cameras import PlanConfig
 
@@ -68,9 +69,9 @@ def test_results_that_do_not_fit_leave_the_earlier_ones(tmp_path):
     with toy.one_thread():
         trimmed = trim(scene, toy.dilated(scene, truth), config=toy.small_config(plan=PlanConfig(size=96, views=2)))
     folder = tmp_path / "out"
-    trimmed.save(folder)
+    save(trimmed, folder)
     before = contents(folder)
     for size in sorted({len(data) for data in before.values()}):
         with files_up_to(size - 1), pytest.raises(InputError, match=r"^Cannot write"):
-            trimmed.save(folder, overwrite=True)
+            save(trimmed, folder, overwrite=True)
         assert contents(folder) == before

@@ -8,6 +8,8 @@ import toy
 
 from gaussian_trimmer.evaluation.results import read_result
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.output.report import describe
+from gaussian_trimmer.output.saving import save
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
@@ -27,7 +29,7 @@ def with_more(means, scales, colour):
 def added(result):
     """What became of the added Gaussians: numbers of those in the object, in the background, and in neither."""
     rows = np.arange(len(SCENE), len(result.scene))
-    places = (result.only.source_index, result.background_source, result.discarded)
+    places = (result.objects[0].source_index, result.background_source, result.discarded)
     return tuple(int(np.isin(rows, where).sum()) for where in places)
 
 
@@ -76,13 +78,15 @@ def test_what_stands_beside_the_object_stays():
 def test_every_row_is_in_the_object_in_the_background_or_discarded(mode, tmp_path):
     scene, truth = BELOW
     result = trim(scene, truth, config=replace(CONFIG, background=mode))
-    rows = np.concatenate([result.only.source_index, result.background_source, result.discarded])
+    rows = np.concatenate([result.objects[0].source_index, result.background_source, result.discarded])
     np.testing.assert_array_equal(np.sort(rows), np.arange(len(scene)))
-    assert sum(result.report["counts"][name] for name in ("discarded", "hidden")) == len(result.discarded)
+    report = describe(result)
+    counts = report["counts"] | report["objects"][0]["counts"]
+    assert counts["discarded"] + counts["hidden"] == len(result.discarded)
     assert (len(result.discarded) > 0) == (mode == "clean")
     assert len(result.background) == len(scene) - len(result.object) - len(result.discarded)
     assert (np.diff(result.discarded) > 0).all()
-    stored = read_result(result.save(tmp_path / "t"), scene)
+    stored = read_result(save(result, tmp_path / "t"), scene)
     np.testing.assert_array_equal(stored.selection, result.object_mask)
     np.testing.assert_array_equal(stored.before, truth)
 
@@ -118,7 +122,7 @@ class Holes:
 def test_a_trim_that_is_refused_leaves_the_background_as_it_is():
     scene, truth = INSIDE
     result = trim(scene, truth, config=CONFIG, segmenter=toy.EmptyMasks())
-    assert result.refused
+    assert result.objects[0].refused
     assert len(result.discarded) == 0
     toy.check_parts(result, truth)
 
@@ -126,7 +130,7 @@ def test_a_trim_that_is_refused_leaves_the_background_as_it_is():
 def test_labels_on_disk_name_the_discarded_rows(tmp_path):
     scene, truth = BELOW
     result = trim(scene, truth, config=CONFIG)
-    result.save(tmp_path)
+    save(result, tmp_path)
     labels = np.load(tmp_path / "labels.npz", allow_pickle=False)
     np.testing.assert_array_equal(labels["discarded"], result.discarded)
     assert len(labels["source_index"]) == len(scene) - len(result.discarded)

@@ -93,7 +93,7 @@ def test_one_training_camera_is_enough_for_a_trim(position):
     config = toy.small_config(plan=PlanConfig(size=96))
     rough = toy.dilated(SCENE, TRUTH)
     result = trim(SCENE, rough, config=config, cameras=CameraSet((seen_from,), None, (True,), False))
-    assert smallest_turn([view.view.camera for view in result.views]) > 2
+    assert smallest_turn([view.view.camera for view in result.objects[0].views]) > 2
     kept = np.zeros(len(SCENE), np.bool_)
-    kept[result.only.source_index] = True
+    kept[result.objects[0].source_index] = True
     assert toy.jaccard(kept, TRUTH) > toy.jaccard(rough, TRUTH)

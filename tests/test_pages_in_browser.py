@@ -8,7 +8,8 @@ from browser import chromium, differ, opened, screenshot
 
 from gaussian_trimmer import formats, sample
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.output.html.report_page import report_page
+from gaussian_trimmer.output.pages import report_page
+from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.trimming.trim import trim
 
 pytestmark = [pytest.mark.needs("browser"), pytest.mark.slow]
@@ -30,8 +31,8 @@ def result(browser):
 @pytest.fixture(scope="module")
 def report(result, tmp_path_factory):
     path = tmp_path_factory.mktemp("pages") / "report.html"
-    doubtful = replace(result, objects=(replace(result.only, warnings=(HOSTILE,)),))
-    path.write_text(report_page(doubtful, {**doubtful.report, "inputs": {"scene": HOSTILE}}), encoding="utf-8")
+    doubtful = replace(result, objects=(replace(result.objects[0], warnings=(HOSTILE,)),))
+    path.write_text(report_page(doubtful, {**describe(doubtful), "inputs": {"scene": HOSTILE}}), encoding="utf-8")
     return path
 
 
@@ -54,7 +55,7 @@ def test_sliders_of_the_report_move_by_mouse_and_by_keys(browser, report):
 
 def test_other_pictures_can_be_compared(browser, report):
     with opened(browser, report) as page:
-        views = page.locator("#views")
+        views = page.locator("#object-1")
         shown = []
         for choice in views.locator("fieldset input").all():
             choice.check()
@@ -62,7 +63,8 @@ def test_other_pictures_can_be_compared(browser, report):
             shown.append([image.get_attribute("data-layer") for image in visible.all()])
             names = views.locator("figure").first.locator(".name").all_text_contents()
             assert set(names) == set(shown[-1])
-        assert shown == [["selection", "trimmed object"], ["trimmed object", "outlines"]]
+        pairs = [["selection", "trimmed object"], ["trimmed object", "outlines"], ["scene", "scene without the object"]]
+        assert [sorted(pair) for pair in shown] == [*map(sorted, pairs), ["selection", "what was done"]]
 
 
 def test_the_report_shows_hostile_names_as_text(browser, report):

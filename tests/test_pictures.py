@@ -8,8 +8,8 @@ import toy
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.pictures import cameras_around, draw_before_after, draw_view, write_picture
+from gaussian_trimmer.output.report import checked_sides, middle_degree
 from gaussian_trimmer.rendering import Rendering
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views.view import TrimmedView, View
@@ -98,10 +98,10 @@ def test_thin_ends_of_the_object_are_within_the_picture():
     heights = np.linspace(1, 3, 12)[:, None]
     mast = toy.gaussians(toy.CENTRE + heights * toy.UP, (0.03, 0.03, 0.09), (0.8, 0.1, 0.1), 0.95)
     result = trim(concatenate([scene, mast]), np.append(truth, np.ones(12, np.bool_)), config=toy.small_config())
-    assert result.object.means[:, 2].max() > result.bounds.centre[2] + 1.5 * result.bounds.half_extents[2]
-    yaws, cameras = cameras_around(
-        result.only, result.scene.select(result.selection), checked_sides(result.only, result.cameras), 4, 100, (4, 65)
-    )
+    (part,) = result.objects
+    assert result.object.means[:, 2].max() > part.bounds.centre[2] + 1.5 * part.bounds.half_extents[2]
+    first = middle_degree(checked_sides(part, result.cameras)[0])
+    yaws, cameras = cameras_around(part, result.scene.select(part.selected_rows), first, 4, 100, (4, 65))
     assert len(cameras) == len(yaws) + 2
     for camera in cameras:
         pixels, _ = camera.project(result.object.means.astype(np.float64))

@@ -26,6 +26,7 @@ from toy import (
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.geometry.split import SPLIT_RULES
+from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.rendering import blend_values
 from gaussian_trimmer.trimming.config import PlanConfig, SplitConfig, TrimConfig, paper_config
 from gaussian_trimmer.trimming.result import RowLabel
@@ -59,7 +60,7 @@ def splitting_config(rule):
 @pytest.mark.parametrize("kind", SELECTIONS)
 def test_rough_selections_of_the_ball_are_mended(kind):
     result = trimmed(kind)
-    assert result.refused is None
+    assert result.objects[0].refused is None
     assert jaccard(object_rows(result), TRUTH) > max(0.96, jaccard(SELECTIONS[kind], TRUTH) + 0.01)
 
 
@@ -68,14 +69,14 @@ def test_both_pieces_of_a_selection_are_kept(apart, n_second):
     second = moved(SCENE.select(np.flatnonzero(TRUTH)[:n_second]), np.eye(3), 1.0, (apart, 0, 0))
     truth = np.append(TRUTH, np.ones(n_second, np.bool_))
     result = trim(concatenate([SCENE, second]), truth, config=small_config(split=WHOLE))
-    assert (result.refused, result.only.floaters) == (None, 0)
+    assert (result.objects[0].refused, result.objects[0].floaters) == (None, 0)
     assert object_rows(result)[len(SCENE) :].mean() > 0.98
     assert jaccard(object_rows(result), truth) > 0.97
 
 
 def test_floaters_are_counted_and_left_to_the_background():
     result = trimmed("with floaters")
-    assert result.only.floaters == np.count_nonzero(SELECTIONS["with floaters"] & ~TRUTH) > 0
+    assert result.objects[0].floaters == np.count_nonzero(SELECTIONS["with floaters"] & ~TRUTH) > 0
     assert not object_rows(result)[SELECTIONS["with floaters"] & ~TRUTH].any()
 
 
@@ -100,9 +101,9 @@ def test_the_report_of_a_run():
     result = trim(SCENE, TRUTH, config=small_config(split=WHOLE), progress=stages.append)
     assert {"plan", "render", "segment", "weigh"} <= set(stages) == set(result.seconds)
     assert result.segmenter == "silhouette"
-    assert len(result.views) == 5
-    np.testing.assert_array_equal(result.up.direction, UP)
-    assert np.linalg.norm(result.bounds.centre - [0, 0, 1]) < 0.1
+    assert len(result.objects[0].views) == 5
+    np.testing.assert_array_equal(result.objects[0].up.direction, UP)
+    assert np.linalg.norm(result.objects[0].bounds.centre - [0, 0, 1]) < 0.1
     assert "background" not in vars(result)  # made when it is asked for
     assert result.background is result.background
 
@@ -115,7 +116,7 @@ def test_the_outline_is_fitted_only_to_masks_that_know_it_better_than_the_scene(
         if source:
             segmenter.mask_source = source
         result = trim(SCENE, TRUTH, config=small_config(refine="fit"), segmenter=segmenter, view_cameras=cameras)
-        assert len(result.only.fitted)
+        assert len(result.objects[0].fitted)
         opacities[source] = result.object.opacity_logits.tolist()
     assert opacities[None] == opacities["labels"] == opacities["renderings"]
     assert opacities["photographs"] == opacities["given"] != opacities[None]
@@ -136,7 +137,7 @@ def test_what_hides_the_object_in_given_views_speaks_against_nothing():
             return [blend_values(scene, view.camera, shares)[..., 0] > 0.5 for view in views]
 
     result = trim(scene, truth, config=small_config(split=WHOLE), segmenter=VisibleMasks(), view_cameras=cameras)
-    assert result.refused is None
+    assert result.objects[0].refused is None
     behind_it = truth & (scene.means[:, 2] > 0.2) & (scene.means[:, 2] < 0.9)
     assert object_rows(result)[behind_it].mean() > 0.95
 
@@ -170,7 +171,7 @@ def test_a_moved_scene_gives_the_same_object(scale, shift, turn):
 def test_an_object_without_its_scene_stays_whole():
     ball = SCENE.select(TRUTH)
     result = trim(ball, np.ones(len(ball), np.bool_), config=small_config(split=WHOLE))
-    assert result.refused is None
+    assert result.objects[0].refused is None
     assert len(result.object) > 0.98 * len(ball)
     assert len(result.object) + len(result.background) == len(ball)
 
@@ -179,17 +180,17 @@ def test_an_object_without_its_scene_stays_whole():
 @pytest.mark.parametrize("kind", ["dilated", "with floaters"])
 def test_masks_that_contradict_the_selection_leave_it_as_it_is(segmenter, kind):
     result = trim(SCENE, SELECTIONS[kind], config=small_config(), segmenter=segmenter)
-    assert "0 of 5 views" in result.refused
-    assert all(view.rejected for view in result.views)
+    assert "0 of 5 views" in result.objects[0].refused
+    assert all(view.rejected for view in result.objects[0].views)
     np.testing.assert_array_equal(object_rows(result), SELECTIONS[kind])
-    assert set(result.only.label) == {RowLabel.KEPT}
+    assert set(result.objects[0].label) == {RowLabel.KEPT}
     check_parts(result, SELECTIONS[kind])
 
 
 def test_cameras_that_do_not_see_the_object_leave_it_as_it_is():
     away = Camera(look_at(np.array([0, -5.0, 1]), np.array([0, -9.0, 1]), UP), intrinsics(1.0, 64, 64), 64, 64)
     result = trim(SCENE, SPECKLED, config=small_config(), view_cameras=[away])
-    assert "the object is hidden or missing in it" in result.refused
+    assert "the object is hidden or missing in it" in result.objects[0].refused
     np.testing.assert_array_equal(object_rows(result), SPECKLED)
 
 
@@ -199,8 +200,8 @@ def test_given_views_replace_planned_ones():
     positions = np.stack([5 * np.cos(yaws), 5 * np.sin(yaws), np.full(5, 3.5)], axis=1)
     views = [Camera(look_at(place, np.array([0, 0, 1.0]), UP), K, 120, 90) for place in positions]
     result = trim(SCENE, SPECKLED, config=small_config(split=WHOLE), view_cameras=views)
-    assert [view.view.camera for view in result.views] == views
-    assert result.views[0].mask.shape == (90, 120)
+    assert [view.view.camera for view in result.objects[0].views] == views
+    assert result.objects[0].views[0].mask.shape == (90, 120)
     assert jaccard(object_rows(result), TRUTH) > 0.97
 
 
@@ -210,7 +211,7 @@ def test_training_cameras_limit_where_the_trimmer_looks_from():
     cameras = tuple(Camera(look_at(place, np.array([0, 0, 1.0]), UP), K, 64, 64) for place in positions)
     known = CameraSet(cameras, None, (True, True, True, False), False)  # the one behind took no training image
     result = trim(SCENE, TRUTH, config=small_config(split=WHOLE), cameras=known)
-    assert all(view.view.camera.centre[1] < -1 for view in result.views)
+    assert all(view.view.camera.centre[1] < -1 for view in result.objects[0].views)
 
 
 def test_the_papers_choices_run():
@@ -233,21 +234,21 @@ def test_objects_too_small_to_be_judged_are_left_as_they_are(count):
     tiny = np.zeros(len(SCENE), np.bool_)
     tiny[np.flatnonzero(TRUTH)[:count]] = True
     result = trim(SCENE, tiny, config=small_config())
-    assert result.refused
+    assert result.objects[0].refused
     np.testing.assert_array_equal(object_rows(result), tiny)
 
 
 def test_a_fitted_outline_says_which_rows_are_no_longer_the_scenes():
     fitted = trim(SCENE, SELECTIONS["dilated"], config=small_config(refine="fit"))
     plain = trim(SCENE, SELECTIONS["dilated"], config=small_config())
-    assert len(fitted.only.fitted) and not len(plain.only.fitted)
-    assert fitted.report["counts"]["fitted"] == len(fitted.only.fitted)
+    assert len(fitted.objects[0].fitted) and not len(plain.objects[0].fitted)
+    assert describe(fitted)["objects"][0]["counts"]["fitted"] == len(fitted.objects[0].fitted)
     np.testing.assert_array_equal(fitted.object_mask, plain.object_mask)
     for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"):
-        rows, theirs = getattr(fitted.object, name), getattr(SCENE, name)[fitted.only.source_index]
+        rows, theirs = getattr(fitted.object, name), getattr(SCENE, name)[fitted.objects[0].source_index]
         same = (rows == theirs).reshape(len(rows), int(np.prod(rows.shape[1:]))).all(axis=1)
-        assert same[np.setdiff1d(np.arange(len(rows)), fitted.only.fitted)].all()
+        assert same[np.setdiff1d(np.arange(len(rows)), fitted.objects[0].fitted)].all()
         np.testing.assert_array_equal(getattr(fitted.background, name), getattr(plain.background, name))
     assert set(fitted.object.extras) == set(plain.object.extras)
-    parts = np.flatnonzero(fitted.only.label == RowLabel.SPLIT_INSIDE)
-    assert set(parts) <= set(fitted.only.fitted)
+    parts = np.flatnonzero(fitted.objects[0].label == RowLabel.SPLIT_INSIDE)
+    assert set(parts) <= set(fitted.objects[0].fitted)

@@ -47,7 +47,7 @@ class Together(Silhouettes):
 
 def test_segmenters_may_ask_for_the_gaussians_and_are_checked_all_the_same(expected):
     result = trimmed(Together(lambda masks: masks))
-    np.testing.assert_array_equal(result.only.source_index, expected.only.source_index)
+    np.testing.assert_array_equal(result.objects[0].source_index, expected.objects[0].source_index)
     with pytest.raises(InputError, match="segmenter 'homemade'"):
         trimmed(Together(lambda masks: masks[:1]))
 
@@ -66,8 +66,8 @@ def test_segmenters_may_ask_for_the_gaussians_and_are_checked_all_the_same(expec
 )
 def test_masks_of_whole_numbers_mean_the_same_as_booleans(change, expected):
     result = trimmed(Silhouettes(change))
-    np.testing.assert_array_equal(result.only.source_index, expected.only.source_index)
-    for ours, theirs in zip(result.views, expected.views, strict=True):
+    np.testing.assert_array_equal(result.objects[0].source_index, expected.objects[0].source_index)
+    for ours, theirs in zip(result.objects[0].views, expected.objects[0].views, strict=True):
         assert ours.mask.dtype == np.bool_
         np.testing.assert_array_equal(ours.mask, theirs.mask)
 

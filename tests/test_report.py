@@ -8,11 +8,11 @@ import toy
 
 from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
-from gaussian_trimmer.output.report import describe
+from gaussian_trimmer.output.report import describe, sentences
 from gaussian_trimmer.output.saving import LABEL_NAMES, write_trim
 from gaussian_trimmer.trimming.config import AcceptanceConfig, SplitConfig
 from gaussian_trimmer.trimming.result import RowLabel
-from gaussian_trimmer.trimming.trim import trim
+from gaussian_trimmer.trimming.trim import trim, trim_objects
 
 CONFIG = toy.small_config()
 
@@ -55,15 +55,17 @@ def test_report_says_how_it_came_about(trimmed, written):
     assert report["version"] == __version__
     assert report["inputs"] == {"scene": "ball.ply"}
     assert report["configuration"]["plan"]["size"] == 160
-    assert report["up"] == {"direction": [0.0, 0.0, 1.0], "source": "given", "confidence": 1.0}
-    assert (report["segmenter"], report["refused"]) == ("silhouette", None)
+    (entry,) = report["objects"]
+    assert entry["up"] == {"direction": [0.0, 0.0, 1.0], "source": "given", "confidence": 1.0}
+    assert (report["segmenter"], entry["refused"]) == ("silhouette", None)
+    assert (entry["id"], entry["name"], entry["file"]) == (1, "object", "object.ply")
     assert report["seconds"]["read"] == 0.25
     assert set(report["seconds"]) > {"plan", "render", "segment", "weigh", "split"}
-    assert len(report["views"]) == 5
-    for entry, view in zip(report["views"], trimmed.views, strict=True):
-        assert entry["accepted"] == (not view.rejected)
-        assert entry["judged"] == view.judged
-        np.testing.assert_allclose(entry["world_to_camera"], view.view.camera.world_to_camera)
+    assert len(entry["views"]) == 5
+    for listed, view in zip(entry["views"], trimmed.objects[0].views, strict=True):
+        assert listed["accepted"] == (not view.rejected)
+        assert listed["judged"] == view.judged
+        np.testing.assert_allclose(listed["world_to_camera"], view.view.camera.world_to_camera)
 
 
 @pytest.mark.parametrize(
@@ -78,15 +80,16 @@ def test_report_says_how_it_came_about(trimmed, written):
 def test_every_selected_gaussian_is_counted_once(stages):
     scene, truth = toy.ball_on_floor()
     result = trim(scene, toy.dilated(scene, truth), config=toy.small_config(**stages), segmenter=toy.TightMasks())
-    counts = result.report["counts"]
+    report = describe(result)
+    counts = report["counts"] | report["objects"][0]["counts"]
     assert counts["selected"] == np.count_nonzero(result.selection)
     assert counts["selected"] == counts["kept"] + counts["cut"] + counts["removed"] + counts["discarded"]
     assert counts["kept"] + counts["cut"] + counts["added"] == np.count_nonzero(result.object_mask)
     assert (counts["object"], counts["background"]) == (len(result.object), len(result.background))
-    parts = result.only.source_index[result.only.label == RowLabel.SPLIT_INSIDE]
+    parts = result.objects[0].source_index[result.objects[0].label == RowLabel.SPLIT_INSIDE]
     assert counts["cut"] == np.count_nonzero(result.selection[np.unique(parts)])
     assert (counts["split"] > 0) == (result.count(RowLabel.SPLIT_OUTSIDE) > 0) == ("split" in stages)
-    assert (counts["removed"] > 0) == (result.refused is None or not result.refused)
+    assert (counts["removed"] > 0) == (result.objects[0].refused is None or not result.objects[0].refused)
 
 
 def test_reasons_of_a_refused_trim_are_reported():
@@ -94,9 +97,10 @@ def test_reasons_of_a_refused_trim_are_reported():
     selection = toy.dilated(scene, truth)
     result = trim(scene, selection, config=toy.small_config(), segmenter=toy.EmptyMasks())
     report = describe(result)
-    assert "0 of 5 views" in report["refused"]
-    assert all("overlaps" in view["reason"] and not view["accepted"] for view in report["views"])
-    assert (report["counts"]["removed"], report["counts"]["object"]) == (0, np.count_nonzero(selection))
+    (entry,) = report["objects"]
+    assert "0 of 5 views" in entry["refused"] and sentences(report)[0].startswith("Not trimmed: only 0 of 5 views")
+    assert all("overlaps" in view["reason"] and not view["accepted"] for view in entry["views"])
+    assert (entry["counts"]["removed"], entry["counts"]["object"]) == (0, np.count_nonzero(selection))
 
 
 def test_the_object_alone_leaves_no_empty_background_file(tmp_path):
@@ -110,3 +114,19 @@ def test_the_object_alone_leaves_no_empty_background_file(tmp_path):
 
 def test_numbers_of_labels_in_files_stay_what_they_are():
     assert LABEL_NAMES == ("kept", "removed", "added", "split_inside", "split_outside", "filled", "relit")
+
+
+def test_sentences_say_what_became_of_each_object_and_of_the_scene():
+    entry = describe(toy_result := trimmed_pair())["objects"][0]
+    first, second, scene = sentences(describe(toy_result))
+    counts = entry["counts"]
+    assert first.startswith(f"{entry['gaussians']:,} Gaussians. Of {counts['selected']:,} selected, ")
+    assert f"{counts['kept']:,} kept" in first and entry["checked"]["sentence"] in first
+    assert second != first
+    assert scene.startswith(f"{len(toy_result.background):,} Gaussians") and "Up: 0.000 0.000 1.000 (given" in scene
+
+
+def trimmed_pair():
+    scene, truth = toy.ball_on_floor()
+    left = truth & (scene.means[:, 0] < 0)
+    return trim_objects(scene, {"left": left, "right": truth & ~left}, config=CONFIG)

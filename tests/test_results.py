@@ -32,7 +32,7 @@ def rows(gaussians):
 
 def test_a_folder_of_a_trim_holds_what_was_selected_before(ball, trimmed, tmp_path):
     scene, _, rough = ball
-    found = read_result(trimmed.save(tmp_path / "t"), scene)
+    found = read_result(save(trimmed, tmp_path / "t"), scene)
     np.testing.assert_array_equal(found.before, rough)
     np.testing.assert_array_equal(found.selection, trimmed.object_mask)
     assert rows(found.object) == rows(trimmed.object)
@@ -42,7 +42,7 @@ def test_a_folder_of_a_trim_holds_what_was_selected_before(ball, trimmed, tmp_pa
 
 def test_labels_of_another_scene_are_refused(ball, trimmed, tmp_path):
     scene, _, _ = ball
-    folder = trimmed.save(tmp_path / "t")
+    folder = save(trimmed, tmp_path / "t")
     with pytest.raises(InputError, match="made for another scene"):
         read_result(folder, scene.select(slice(0, 100)))
     np.savez(folder / "labels.npz", label=np.zeros(3))

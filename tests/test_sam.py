@@ -265,7 +265,7 @@ def test_a_trim_with_sam_finds_the_object_and_reports_its_progress(tmp_path, fus
     stages = []
     segmenter = SamSegmenter(SamConfig(str(save_tiny_sam(tmp_path, "sam2")), fusion=fusion))
     result = trim(scene, rough, views=3, up="z", segmenter=segmenter, progress=stages.append)
-    assert not result.refused
+    assert not result.objects[0].refused
     assert overlap(result.object_mask, truth) > max(0.9, overlap(rough, truth) + 0.02)
     assert [stage for stage in stages if stage.startswith("segment ")] == [
         "segment 1 of 3",
@@ -289,12 +289,12 @@ def test_views_after_the_first_are_prompted_with_what_its_mask_says(tmp_path, wr
     if wrong:  # nothing is red, so there is nothing to follow
         assert all(prompt.logits is None for prompt in prompts)
         return
-    for prompt, trimmed in zip(prompts[1:], result.views[1:], strict=True):
+    for prompt, trimmed in zip(prompts[1:], result.objects[0].views[1:], strict=True):
         shares = np.column_stack([truth, rough]).astype(np.float32)
         shown = blend_values(scene, trimmed.view.camera, shares) > 0.5
         gained = overlap(prompt.logits > 0, shown[..., 0]) - overlap(shown[..., 1], shown[..., 0])
         assert gained > 0.04  # what the first mask left out is left out of the prompts of the others
-    assert not result.refused and overlap(result.object_mask, truth) > overlap(rough, truth) + 0.09
+    assert not result.objects[0].refused and overlap(result.object_mask, truth) > overlap(rough, truth) + 0.09
 
 
 def test_masks_of_something_else_are_told_in_the_report(tmp_path):
@@ -304,7 +304,7 @@ def test_masks_of_something_else_are_told_in_the_report(tmp_path):
     segmenter = SamSegmenter(SamConfig(str(save_tiny_sam(tmp_path, "sam2", (0.1, 0.1, 0.9))), choice="score"))
     result = trim(grey, rough, views=3, up="z", segmenter=segmenter)
     assert "3 of 3 masks set aside" in segmenter.describe()
-    assert not result.refused
+    assert not result.objects[0].refused
 
 
 def test_the_papers_preset_takes_the_papers_prompt(tmp_path):
@@ -438,5 +438,5 @@ def test_trained_models_improve_a_trim():
     coarse, exact = (scene.coarse("lighthouse", kind) for kind in ("dilated", "exact"))
     for folder in folders:
         result = trim(scene.gaussians, coarse, views=2, up="z", segmenter=SamSegmenter(SamConfig(str(folder))))
-        assert not result.refused
+        assert not result.objects[0].refused
         assert overlap(result.object_mask, exact) > overlap(coarse, exact) + 0.05

@@ -7,6 +7,7 @@ import toy
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.geometry.limits import check_magnitudes
+from gaussian_trimmer.output.saving import save
 from gaussian_trimmer.rendering import tile_renderer
 from gaussian_trimmer.trimming.trim import trim
 
@@ -114,10 +115,10 @@ def test_the_distance_from_the_origin_does_not_matter(offset):
 def test_one_extreme_gaussian_does_not_spoil_a_trim(name, value, selected, tmp_path):
     scene = with_values(name, np.flatnonzero(selected == SELECTION)[3], value)
     result = trim(scene, SELECTION, config=CONFIG)
-    assert result.refused is None
+    assert result.objects[0].refused is None
     toy.check_parts(result, SELECTION)
     assert toy.jaccard(toy.object_rows(result), TRUTH) > 0.98
-    result.save(tmp_path / "trimmed")
+    save(result, tmp_path / "trimmed")
 
 
 @pytest.mark.parametrize(("distance", "size", "logit"), [(5e3, 0.1, 0.0), (1e7, 500.0, 5.0), (0.5, 300.0, 5.0)])
@@ -129,5 +130,5 @@ def test_neither_what_lies_kilometres_away_nor_a_veil_over_everything_spoils_a_t
     )
     result = trim(concatenate([SCENE, few]), np.append(SELECTION, [False] * len(few)), config=CONFIG)
     rows = toy.object_rows(result)
-    assert result.refused is None and not rows[len(SCENE) :].any()
+    assert result.objects[0].refused is None and not rows[len(SCENE) :].any()
     assert toy.jaccard(rows[: len(SCENE)], TRUTH) > 0.97

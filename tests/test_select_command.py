@@ -160,7 +160,7 @@ def test_trim_takes_marks_on_top_of_a_file(ball, tmp_path):
     assert run("trim", folder / "scene.ply", tmp_path / "rough.npy", "--cameras", folder / "cameras.json", *SMALL,
                "--intersect-sphere", 0, 0, 1, 1.2, "--output", out, "--quiet") == 0  # fmt: skip
     kept = toy.dilated(scene, truth) & (np.linalg.norm(scene.means - toy.CENTRE, axis=1) <= 1.2)
-    assert json.loads((out / "report.json").read_text())["counts"]["selected"] == kept.sum()
+    assert json.loads((out / "report.json").read_text())["objects"][0]["counts"]["selected"] == kept.sum()
     assert run("select", folder / "scene.ply", "--marks", out / "selection.json", "--output", tmp_path / "a.npy") == 0
     assert np.array_equal(np.load(tmp_path / "a.npy"), kept)
 

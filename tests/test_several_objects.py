@@ -13,7 +13,6 @@ import gaussian_trimmer as gt
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.pictures import cameras_around
 from gaussian_trimmer.selection_files import load_objects
 from gaussian_trimmer.trimming.arguments import rough_objects
@@ -131,8 +130,20 @@ def test_the_whole_object_is_in_the_pictures_from_both_sides(result):
             middle = part.bounds.centre
             means = middle + (part.gaussians.means - middle) @ (np.eye(3) + np.outer(way, way)) + 0.5 * way
             wide = replace(part, gaussians=part.gaussians.replace(means=means.astype(np.float32)))
-            for camera in cameras_around(wide, part.gaussians, checked_sides(wide, ()), 2, 100)[1]:
+            for camera in cameras_around(wide, part.gaussians, 0, 2, 100)[1]:
                 assert camera.contains(camera.project(means)[0]).all()
+
+
+@pytest.mark.parametrize("keys", [(0, 1), (-1, 5)])
+def test_keys_below_one_are_names_and_numbers_begin_at_one(keys, result):
+    found = trim_objects(SCENE, dict(zip(keys, ROUGH.values(), strict=True)), config=CONFIG)
+    assert [(part.id, part.name) for part in found.objects] == [(1, str(keys[0])), (2, str(keys[1]))]
+    for part in found.objects:
+        assert np.array_equal(np.flatnonzero(found.labels == part.id), np.unique(part.source_index))
+    for entry, expected, key in zip(gt.describe(found)["objects"], gt.describe(result)["objects"], keys, strict=True):
+        for told in ("counts", "warnings", "shrunk_side"):
+            assert entry[told] == expected[told]
+        assert entry["file"] == f"object_{key}.ply"
 
 
 def test_ids_of_gaussians_are_objects():

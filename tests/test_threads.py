@@ -61,7 +61,7 @@ def trimmed():
     scene, truth, _ = ball_and_view()
     config = small_config(split=SplitConfig("plane"))
     result = trim(scene, dilated(scene, truth), config=config, segmenter=TightMasks())
-    assert result.refused is None
+    assert result.objects[0].refused is None
     assert result.count(RowLabel.SPLIT_INSIDE) > 5
     parts = [
         getattr(part, name)
@@ -70,11 +70,11 @@ def trimmed():
     ]
     return digest(
         [
-            result.only.source_index,
-            result.only.label,
+            result.objects[0].source_index,
+            result.objects[0].label,
             result.background_source,
             *parts,
-            *(view.mask for view in result.views),
+            *(view.mask for view in result.objects[0].views),
         ]
     )
 

@@ -159,18 +159,18 @@ class TightMasks:
 def object_rows(result):
     """Which rows of the scene the object has, whole or in part, (N,)."""
     rows = np.zeros(len(result.scene), np.bool_)
-    rows[result.only.source_index] = True
+    rows[result.objects[0].source_index] = True
     return rows
 
 
 def with_object(result, **changes):
     """A result of one object with other values in fields of that."""
-    return replace(result, objects=(replace(result.only, **changes),))
+    return replace(result, objects=(replace(result.objects[0], **changes),))
 
 
 def check_parts(result, selection):
     """Every row of the scene is in the object, in the background, split into both, or discarded; labels tell why."""
-    part, rest, why_rest = result.only, result.background_source, result.background_label
+    part, rest, why_rest = result.objects[0], result.background_source, result.background_label
     mine, why_mine = part.source_index, part.label
     assert len(mine) == len(why_mine) == len(result.object)
     assert len(rest) == len(why_rest) == len(result.background)

@@ -63,19 +63,19 @@ def row_of_pictures(cells: list[tuple[str, FloatArray]]) -> Picture:
 
 def _planning(result: TrimResult) -> Picture:
     """A map of the cameras, and what three of them see."""
-    views = [(f"view {i}", _small(result.views[i].view.rgb)) for i in (0, 1, 2)]
+    views = [(f"view {i}", _small(result.objects[0].views[i].view.rgb)) for i in (0, 1, 2)]
     return row_of_pictures([("from above", _map(result)), *views])
 
 
 def _map(result: TrimResult) -> FloatArray:
     """The selected Gaussians, those around them, and the cameras, seen along the up vector."""
-    across, along, _ = up_frame(result.up.direction)
-    centres = np.array([view.view.camera.centre for view in result.views])
-    reach = 1.2 * np.linalg.norm(centres - result.bounds.centre, axis=1).max()
+    across, along, _ = up_frame(result.objects[0].up.direction)
+    centres = np.array([view.view.camera.centre for view in result.objects[0].views])
+    reach = 1.2 * np.linalg.norm(centres - result.objects[0].bounds.centre, axis=1).max()
     picture = np.ones((SIDE, SIDE, 3), np.float32)
 
     def at(points: FloatArray | Float64Array) -> np.ndarray:
-        offset = np.asarray(points, np.float64) - result.bounds.centre
+        offset = np.asarray(points, np.float64) - result.objects[0].bounds.centre
         plane = np.stack([offset @ across, -(offset @ along)], -1)
         return np.asarray(np.round(SIDE * (0.5 + plane / (2 * reach))), np.int64)
 
@@ -83,7 +83,7 @@ def _map(result: TrimResult) -> FloatArray:
         pixels = at(result.scene.means[rows])
         inside = ((pixels >= 0) & (pixels < SIDE)).all(axis=1)
         picture[pixels[inside, 1], pixels[inside, 0]] = colour
-    middle = at(result.bounds.centre[None])[0]
+    middle = at(result.objects[0].bounds.centre[None])[0]
     for centre in at(centres):
         cv2.line(picture, centre.tolist(), middle.tolist(), (0.6, 0.7, 0.9), 1, cv2.LINE_AA)
         cv2.circle(picture, centre.tolist(), 6, BLUE, -1, cv2.LINE_AA)
@@ -92,7 +92,7 @@ def _map(result: TrimResult) -> FloatArray:
 
 def _augmentation(result: TrimResult) -> Picture:
     """A view of the selection alone, and with the Gaussians around it."""
-    view = result.views[0].view
+    view = result.objects[0].views[0].view
     alone = render(result.scene.select(result.selection), view.camera, BACKDROP).rgb
     around = view.rgb + (1 - view.alpha)[..., None] * BACKDROP
     cells = [("the selection alone", _small(alone)), ("with the Gaussians around it (BA)", _small(around))]
@@ -101,14 +101,14 @@ def _augmentation(result: TrimResult) -> Picture:
 
 def _labels(result: TrimResult) -> Picture:
     """How much of the picture the object contributes, by the given labels and by the corrected ones."""
-    view = result.views[0].view
+    view = result.objects[0].views[0].view
     cells = [("picture", _small(view.rgb)), ("given labels", _small(_grey(view.object_visible)))]
     return row_of_pictures([*cells, ("corrected labels", _small(_grey(view.object_prior)))])
 
 
 def _segmentation(result: TrimResult) -> Picture:
     """Three views as they are written to `views/`."""
-    pictures = [draw_view(view, i) for i, view in enumerate(result.views)][:3]
+    pictures = [draw_view(view, i) for i, view in enumerate(result.objects[0].views)][:3]
     return np.hstack(
         [np.asarray(cv2.resize(p, None, fx=0.75, fy=0.75, interpolation=cv2.INTER_AREA)) for p in pictures]
     )
@@ -118,11 +118,11 @@ def _evidence(result: TrimResult) -> Picture:
     """What became of each Gaussian: kept, removed or added."""
     colours = np.tile(np.array(OTHER, np.float32), (len(result.scene), 1))
     for label, colour in ((RowLabel.KEPT, KEPT), (RowLabel.ADDED, ADDED)):
-        colours[result.only.source_index[result.only.label == label]] = colour
+        colours[result.objects[0].source_index[result.objects[0].label == label]] = colour
     colours[result.background_source[result.background_label == RowLabel.REMOVED]] = REMOVED
     cells = []
     for i in (0, 1, 2):
-        camera = _close_up(result.views[i].view.camera, result.bounds)
+        camera = _close_up(result.objects[0].views[i].view.camera, result.objects[0].bounds)
         rows = result.selection | result.object_mask
         shown = blend_values(result.scene.select(rows), camera, colours[rows])
         alpha = render(result.scene.select(rows), camera).alpha
@@ -166,8 +166,8 @@ def _refinement(scene: Gaussians, rough: BoolArray, config: gt.TrimConfig) -> Pi
     cameras = gt.read_cameras(sample.CAMERAS)
     before = gt.trim(scene, rough, cameras=cameras, config=replace(config, refine="off"))
     after = gt.trim(scene, rough, cameras=cameras, config=config)
-    camera = before.views[0].view.camera.resized(SIDE / before.views[0].view.camera.width)
-    (rendered,) = OutlineViews([camera], None, before.bounds.radius).render(before.object, before.background)
+    camera = before.objects[0].views[0].view.camera.resized(SIDE / before.objects[0].views[0].view.camera.width)
+    (rendered,) = OutlineViews([camera], None, before.objects[0].bounds.radius).render(before.object, before.background)
     aim = coverage_target(rendered)
     shown = [rendered.alone.image[3], aim.picture[3], draw(after.object, camera).image[3]]
     return row_of_pictures([(name, _grey(a)) for name, a in zip(("before", "aim", "after"), shown, strict=True)])

@@ -83,7 +83,7 @@ def _draw_clicked(name: str, capture: str, view: int, pixel: tuple[int, int]) ->
         where = ["--view-index", str(view), "--click", *map(str, pixel)]
         trim = ["--output", f"{folder}/{name}.npy", "--trim", f"{folder}/{name}", "--quiet"]
         assert run(["select", capture, *where, *trim]) == 0
-        up = json.loads((Path(folder) / name / "report.json").read_text())["up"]["direction"]
+        up = json.loads((Path(folder) / name / "report.json").read_text())["objects"][0]["up"]["direction"]
         plan = PlanConfig(views=1, size=CELL, fill=0.5, yaw_range_degrees=(170, 190))
         (row,) = _draw_around(Path(folder) / name, np.array(up), plan, "the capture", gt.read(capture))
         _write(f"{name}.jpg", row)

@@ -6,7 +6,7 @@
     rough = gt.read_selection("rough.npy", scene)
     result = gt.trim(scene, rough, cameras=gt.read_cameras("sparse/0"))
     result.object_mask  # (N,) over the scene's rows
-    result.save("trimmed")
+    gt.save(result, "trimmed")
 
 What is named here is loaded when it is first used, so that importing the package takes no time.
 """

@@ -144,7 +144,7 @@ class Controller:
                 self._doubted, self._doubts = result, cycle(doubts(result))
             said, away = next(self._doubts, ("Nothing is to be doubted.", None))
             if away is not None:
-                centre = result.only.bounds.centre
+                centre = result.objects[0].bounds.centre
                 pose = look_at(centre + away, centre, now.up.direction)
                 camera = replace(self._view.viewpoint(client).camera, world_to_camera=pose)
                 self._view.look(client, *framed(result.object, camera))

@@ -110,7 +110,7 @@ class Painter:
                 continue
             if part == "Everything" or (part == "Object" and place == now.active):
                 rows = _new_rows(marked)
-                yield self._splats_of(result.object.select(rows), result.only.source_index[rows], eye)
+                yield self._splats_of(result.object.select(rows), result.objects[0].source_index[rows], eye)
             if part != "Object":
                 first = len(result.background_rows)
                 labels, sources = result.background_label[first:], result.background_source[first:]
@@ -181,7 +181,7 @@ def changed_rows(part: MarkedObject) -> tuple[BoolArray, BoolArray, BoolArray, B
     if had is None:
         had = has if result is None else result.selection
         if result is not None:
-            cut[result.only.source_index[_new_rows(part)]] = True
+            cut[result.objects[0].source_index[_new_rows(part)]] = True
             relit[_relit_rows(result)] = True
     return has & ~had, had & ~has, cut, relit
 
@@ -200,7 +200,7 @@ def _new_rows(part: MarkedObject) -> IntArray:
     """Return rows of an object's trim that the scene does not have: parts of split Gaussians, and fitted ones."""
     result = part.cut.result
     assert result is not None
-    trimmed = result.only
+    trimmed = result.objects[0]
     rows = np.union1d(np.flatnonzero(trimmed.label == RowLabel.SPLIT_INSIDE), trimmed.fitted)
     return rows if part.fresh is not None else rows[part.mask[trimmed.source_index[rows]]]
 
@@ -215,7 +215,7 @@ def _replaced_rows(now: Snapshot, after: bool) -> BoolArray:
     replaced = np.zeros(len(now.object.selected.mask), np.bool_)
     for part in now.objects:
         if after and part.cut.result is not None and not part.hidden:
-            replaced[part.cut.result.only.source_index[_new_rows(part)]] = True
+            replaced[part.cut.result.objects[0].source_index[_new_rows(part)]] = True
     return replaced
 
 

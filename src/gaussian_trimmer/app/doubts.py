@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from gaussian_trimmer.gaussians import Float64Array
-from gaussian_trimmer.output.checked_sides import checked_sides
+from gaussian_trimmer.output.report import checked_sides, middle_degree, why_unchecked
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.result import TrimResult
 
@@ -19,14 +17,14 @@ _RISE = 0.3
 
 def doubts(result: TrimResult) -> list[tuple[str, Float64Array]]:
     """Return what there is to doubt of a single object, in words, and the direction (3,) from the object to see it."""
-    part = result.only
+    part = result.objects[0]
     found = [(view, view.view.camera.centre - part.bounds.centre) for view in part.views]
     said = [(f"From here it could not be checked: {view.rejected}.", away) for view, away in found if view.rejected]
-    sides = checked_sides(part, result.cameras)
-    if sides.verdict(unseen := replace(sides, checked=~sides.checked).middle):
+    checked, observed = checked_sides(part, result.cameras)
+    if why := why_unchecked(unseen := middle_degree(~checked), checked, observed):
         yaw = np.radians(unseen)
         away = np.array([np.cos(yaw), np.sin(yaw), _RISE]) @ part.bounds.axes
-        said.append((f"The side seen least: {sides.verdict(unseen)}.", away))
+        said.append((f"The side seen least: {why}.", away))
     alphas = [render(part.gaussians, view.view.camera).alpha for view, _ in found]
     if alphas:
         soft = [((alpha > _SOFT[0]) & (alpha < _SOFT[1])).mean() for alpha in alphas]

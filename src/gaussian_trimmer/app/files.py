@@ -26,8 +26,7 @@ from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.writing import atomic_folder, safe_file_name
-from gaussian_trimmer.output.engines import ENGINES, EngineName, placement_for
-from gaussian_trimmer.output.placing import PlacingOptions
+from gaussian_trimmer.output.engines import ENGINES, EngineName, PlacingOptions, placement_for
 from gaussian_trimmer.output.report import describe, file_stems
 from gaussian_trimmer.output.saving import RESULTS, result_files, write_trim
 from gaussian_trimmer.selecting.marks import FromFile, FromMasks, write_marks
@@ -117,7 +116,9 @@ class Files:
                 path = Path(parent, f"{'' if what == OBJECT else 'without_'}{name}{suffix}")
                 gaussians = result.object if what == OBJECT else result.background
                 if engine:
-                    gaussians = placement_for(result.object, result.up.direction, engine=engine).apply(gaussians)
+                    gaussians = placement_for(result.object, result.objects[0].up.direction, engine=engine).apply(
+                        gaussians
+                    )
                 formats.write(gaussians, path)
             data = path.read_bytes()
         client.send_file_download(path.name, data, save_immediately=True)
@@ -166,7 +167,7 @@ def save(
         raise InputError("No object is marked; mark one first.")
     cut_out, said = None if together else fresh_result(now), ""
     placing = PlacingOptions(engine=engine)
-    names = (*result_files(suffix, several=together), "views/*.png", "selection*.json", *placing.patterns(suffix))
+    names = (*result_files(suffix), "views/*.png", "selection*.json", *placing.patterns(suffix))
     inputs = _inputs(document, parts)
     with atomic_folder(folder, RESULTS, names=names, inputs=inputs, overwrite=overwrite) as results:
         result = cut_out or trim_objects(

@@ -56,8 +56,8 @@ class SceneView:
         """Show the virtual cameras of a trim with what they saw and its masks, or none."""
         self._server.scene.remove_by_name("/views")
         if result is not None:
-            size = _FRUSTUM_RADII * result.bounds.radius * self.frame.scale
-            for number, view in enumerate(result.views):
+            size = _FRUSTUM_RADII * result.objects[0].bounds.radius * self.frame.scale
+            for number, view in enumerate(result.objects[0].views):
                 self._show_frustum(f"/views/{number}", view, size)
 
     def show_points(self, points: Sequence[Point]) -> None:

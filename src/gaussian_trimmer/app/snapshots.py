@@ -14,6 +14,7 @@ import numpy as np
 from gaussian_trimmer.app.documents import Document
 from gaussian_trimmer.cameras import Point, point_of
 from gaussian_trimmer.gaussians import SH_C0, BoolArray
+from gaussian_trimmer.output.report import describe, sentences
 from gaussian_trimmer.selecting.interpretation import MarkInterpreter
 from gaussian_trimmer.selecting.marks import Mark, Marks
 from gaussian_trimmer.selecting.selection import Selection
@@ -117,18 +118,13 @@ class MarkedObject:
 
     @property
     def summary(self) -> str:
-        """What was cut out, in a sentence; empty if nothing was."""
+        """What was cut out, in sentences; empty if nothing was."""
         result = self.fresh
         if result is None:
             return ""
-        if result.refused:
-            return f"Not cut out: {result.refused}; the selection stays as it is."
-        rejected = sum(bool(view.rejected) for view in result.views)
-        doubt = (
-            f"It could not be checked from {rejected} of {len(result.views)} sides; turn there and look for remains."
-        )
-        said = [f"{self.name} is cut out: {len(result.object):,} Gaussians.", *[doubt] * (rejected > 0)]
-        return " ".join([*said, *result.warnings])
+        report = describe(result)
+        said = " ".join([sentences(report)[0], *report["objects"][0]["warnings"]])
+        return f"{self.name}: {said}" if result.objects[0].refused else f"{self.name} is cut out: {said}"
 
     def marked(self, marks: tuple[Mark, ...], selected: Selection, *, further: bool = False) -> MarkedObject:
         """Return the object with other marks; with further ones, its cut-out is stale and still to be seen."""

@@ -178,7 +178,7 @@ class Tools:
         cuts = False
         showing = controls.showing
         if now.object.fresh is not None and (showing.part, showing.when, showing.ghost) == ("Object", "Cut-out", False):
-            rows, gaussians = now.object.fresh.only.source_index, now.object.fresh.object
+            rows, gaussians = now.object.fresh.objects[0].source_index, now.object.fresh.object
             cuts = effect == "remove" and not through and not by_centres
         if sphere:
             taken = in_spheres(gaussians, stroke)

@@ -30,7 +30,6 @@ from gaussian_trimmer.io.reading import is_file, is_folder, read_json
 from gaussian_trimmer.io.stop_signals import Stopped
 from gaussian_trimmer.io.writing import make_folder, remove_leftovers
 from gaussian_trimmer.options import Positional, arg, parse
-from gaussian_trimmer.output.report import object_entries
 from gaussian_trimmer.settings import Range
 
 SUMMARY = "summary.csv"
@@ -233,8 +232,8 @@ def _row_of(item: Item, folder: Path, made_from: MadeFrom, failure: str) -> dict
 
 def _numbers_of(report: dict[str, Any]) -> dict[str, Any]:
     """Return what the summary says of a trim, from its report."""
-    (entry,) = object_entries(report)
-    counts, bounds = report["counts"] | entry.get("counts", {}), entry["bounds"]
+    (entry,) = report["objects"]
+    counts, bounds = report["counts"] | entry["counts"], entry["bounds"]
     box = [*bounds["centre"], *(2 * np.array(bounds["half_extents"]))]
     box += quaternions_of(np.array(bounds["axes"]).T[None])[0].tolist()
     return {

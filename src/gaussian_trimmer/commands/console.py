@@ -6,8 +6,7 @@ import json
 import logging
 import os
 import sys
-import textwrap
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,46 +111,6 @@ def progress_over_stages(console: Console) -> Iterator[Callable[[str], None]]:
         yield show
 
 
-def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -> None:
-    """Counts, views, up vector and time of a finished trim, from its report."""
-    counts = report["counts"]
-    accepted = sum(view["accepted"] for view in report["views"])
-    rows = [("selected", f"{counts['selected']:,} of {counts['scene']:,} Gaussians; of these:")]
-    rows.append(("  kept", f"{counts['kept']:,}"))
-    if counts["cut"]:
-        split = f", {counts['split']:,} of them split with the background" if counts["split"] else ""
-        rows.append(("  cut", f"{counts['cut']:,} at the outline{split}"))
-    floaters = f", {counts['floaters']:,} of them far away" if counts["floaters"] else ""
-    rows.append(("  removed", f"{counts['removed']:,}{floaters}"))
-    if report["shrunk_side"]:
-        rows.append(("  smaller by", report["shrunk_side"]))
-    if counts["discarded"]:
-        rows.append(("  discarded", f"{counts['discarded']:,}, in neither file"))
-    rows.append(("added", f"{counts['added']:,} that the selection had missed"))
-    if counts["fitted"]:
-        rows.append(("fitted", f"{counts['fitted']:,} at the outline"))
-    elif report["not_fitted"]:
-        rows.append(("not fitted", report["not_fitted"]))
-    if counts["hidden"]:
-        rows.append(("background", f"{counts['hidden']:,} hidden Gaussians discarded"))
-    if counts["filled"]:
-        relit = f"; shadow removed from {counts['relit']:,}" if counts["relit"] else ""
-        rows.append(("filled in", f"{counts['filled']:,} new Gaussians where the object stood{relit}"))
-    elif report["not_filled"]:
-        rows.append(("not filled in", report["not_filled"]))
-    judged = all(view["judged"] for view in report["views"])
-    own_masks = "; their masks follow the selection, so none could be rejected"
-    rows.append(("views", f"{accepted} of {len(report['views'])} used{'' if judged else own_masks}"))
-    rows.append(("sides", report["checked"]["sentence"]))
-    rows.append(("up", up_text(**report["up"])))
-    rows.append(("time", f"{seconds:.1f} s"))
-    column = 2 + max(len(name) for name, _ in rows)
-    width = max(console.width, 2 * column) if console.is_terminal else sys.maxsize  # a file has no edge
-    for name, value in rows:
-        further = " " * column
-        console.print(textwrap.fill(value, width, initial_indent=name.ljust(column), subsequent_indent=further))
-
-
 def print_up(console: Console, up: UpVector) -> None:
     """The up vector, where it comes from, and a warning where it is little more than a guess."""
     console.print(f"up: {up_text(**vars(up))}")
@@ -164,33 +123,22 @@ def in_lengths(size: Float64Array) -> str:
     return " x ".join(f"{value:.2g}" for value in size)
 
 
-def print_refusal(report: Mapping[str, Any]) -> None:
-    """Say on standard error, also to those who asked for quiet, that nothing was trimmed and why, if that is so."""
-    if not report["refused"]:
-        return
-    reason = printable(report["refused"])
-    _complain(f"Not trimmed. {reason[:1].upper()}{reason[1:]}. The selection was written unchanged.")
-
-
-def print_warnings(entries: Sequence[Mapping[str, Any]]) -> None:
+def print_warnings(report: Mapping[str, Any]) -> None:
     """Say on standard error, also to those who asked for quiet, what may be wrong, and with which of several objects.
 
-    That a side is smaller, as it mostly should be, is in the summary.
+    First comes what was not trimmed at all, and why.
     """
-    from gaussian_trimmer.output.report import alerts  # late: conversions need no trimmer
-    from gaussian_trimmer.trimming.result import title_of
+    from gaussian_trimmer.trimming.result import title_of  # late: conversions need no trimmer
 
     found: dict[str, list[str]] = {}
-    for entry in entries:
-        for sentence in alerts(entry["warnings"], entry["shrunk_side"]):
+    for entry in sorted(report["objects"], key=lambda entry: not entry["refused"]):
+        why = entry["refused"] or ""
+        refused = f"Not trimmed. {why[:1].upper()}{why[1:].rstrip('.')}. The selection was written unchanged."
+        for sentence in [*([refused] if why else []), *entry["warnings"]]:
             found.setdefault(sentence, []).append(title_of(entry["name"]))
     for sentence, titles in found.items():
-        whose = "" if len(titles) == len(entries) else f"{', '.join(titles)}: "
-        _complain(printable(whose + sentence))
-
-
-def _complain(sentence: str) -> None:
-    print(f"{_PROGRAM}: {sentence}", file=sys.stderr)
+        whose = "" if len(titles) == len(report["objects"]) else f"{', '.join(titles)}: "
+        print(f"{_PROGRAM}: {printable(whose + sentence)}", file=sys.stderr)
 
 
 def refuse_existing(path: Path, *, inputs: Iterable[Path] = (), overwrite: bool) -> None:

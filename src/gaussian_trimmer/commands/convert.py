@@ -15,7 +15,7 @@ from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.options import Positional, arg
-from gaussian_trimmer.output.placing import PlacingOptions
+from gaussian_trimmer.output.engines import PlacingOptions
 from gaussian_trimmer.trimming.up_vector import DEFAULT_UP, find_up
 
 

@@ -151,7 +151,7 @@ def _result_lines(folder: Path) -> Iterator[str]:
     for path in sorted(folder.iterdir()):
         if identify(path).kind == "splats":
             yield f"{path.name}: {len(formats.read(path)):,} Gaussians"
-    option = "--labels " if isinstance(report, dict) and "objects" in report else ""
+    option = "" if isinstance(report, dict) and len(report.get("objects", ())) == 1 else "--labels "
     labels = option + shlex.quote(str(folder / "labels.npz"))
     yield f"labels.npz selects in the scene what was trimmed: gaussian-trimmer trim SCENE {labels}"
 

@@ -137,7 +137,6 @@ class Objects:
             results=self.results,
             for_report=self.inputs.as_json(self.options) | said,
             files=[self.inputs.scene],
-            several=True,
         )
 
     def _batch_row(self, numbers: list[str], folder: Path, up: UpVector) -> dict[str, str]:

@@ -9,7 +9,7 @@ from typing import Any
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.reading import read_json
 from gaussian_trimmer.options import Names
-from gaussian_trimmer.output.placing import PlacingOptions
+from gaussian_trimmer.output.engines import PlacingOptions
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import from_plain
 

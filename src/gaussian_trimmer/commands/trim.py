@@ -102,7 +102,6 @@ class Trim:
             for_report=self.inputs.as_json(self.options) | self._for_report() | dict(note),
             files=self.files(),
             source=self.selection,
-            several=self.labels is not None,
         )
         return run.run(console, lambda: self._read(to_read, console, read))
 

@@ -16,8 +16,6 @@ from gaussian_trimmer.cameras import Camera, CameraSet, up_frame
 from gaussian_trimmer.commands.console import (
     PrintOptions,
     announce_compiling,
-    print_refusal,
-    print_summary,
     print_warnings,
     progress_over_stages,
 )
@@ -28,10 +26,9 @@ from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.masks import Segmenter
 from gaussian_trimmer.masks.photographs import PhotoSegmenter, cameras_with_photos
 from gaussian_trimmer.options import arg
-from gaussian_trimmer.output.html.report_page import REPORT, sentence_of
-from gaussian_trimmer.output.placing import PlacingOptions
-from gaussian_trimmer.output.report import describe, object_entries
-from gaussian_trimmer.output.saving import PICTURE, RESULTS, result_files, write_trim
+from gaussian_trimmer.output.engines import PlacingOptions
+from gaussian_trimmer.output.report import describe, sentences
+from gaussian_trimmer.output.saving import PAGE, PICTURE, RESULTS, result_files, write_trim
 from gaussian_trimmer.selecting.marks import Click, write_marks
 from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.settings import to_plain
@@ -48,7 +45,6 @@ _USUAL_PHOTOS = 8
 NOTHING_TRIMMED = 3
 """Exit code where the inputs could be read, but the selections were written unchanged."""
 _LISTED = 4
-_SAID = {"shrunk_side": "Smaller", "not_fitted": "Not fitted", "not_filled": "Not filled in"}
 MARKS = "selection.json"
 """Name of the file of marks among the results."""
 
@@ -118,8 +114,6 @@ class TrimRun:
     """Files, and folders of masks, that are read, and that results may not replace."""
     source: Path | None = None
     """The file that the results are made of, for the manifest."""
-    several: bool = False
-    """Objects have ids or names, also if there is but one."""
 
     def run(self, console: Console, read: Callable[[], SelectedScene]) -> int:
         """Trim and write the results; return the exit code, 3 where nothing was trimmed.
@@ -142,17 +136,15 @@ class TrimRun:
                     refuse_whole_scene(selection.mask, self.source, self.for_report["scene"])
             seconds = {"read": time.perf_counter() - start}
             report, said = self._write(part, selected, seconds, stage, console)
-        entries, taken = object_entries(report), time.perf_counter() - start
-        for entry in entries:
-            print_refusal(entry)
-        if self.several:
-            _print_objects(console, report, taken)
-        else:
-            print_summary(console, report, taken)
-        self._say_where(console, report, said)
-        print_warnings(entries)
+        titles = [title_of(entry["name"]) for entry in report["objects"]]
+        for title, sentence in zip([*titles, "background"], sentences(report), strict=True):
+            console.print(f"{title}: {sentence}")
+        console.print(f"{self._where(report)} {time.perf_counter() - start:.1f} s.")
+        for sentence in said:
+            console.print(sentence)
+        print_warnings(report)
         self.results.printing.print_json(report, (self.folder, RESULTS))
-        return NOTHING_TRIMMED if all(entry["refused"] for entry in entries) else 0
+        return NOTHING_TRIMMED if all(entry["refused"] for entry in report["objects"]) else 0
 
     def _settings(self, up: UpVector | None) -> TrimConfig:
         """The settings of the trim, with what was found of the up vector where cameras do not tell it."""
@@ -161,11 +153,14 @@ class TrimRun:
 
     def _locked_folder(self) -> Any:
         """The folder to write to, locked against other runs; errors as those of `atomic_folder`."""
-        names = result_files(self.suffix, html=self.results.html) + result_files(self.suffix, several=self.several)
         return atomic_folder(
             self.folder,
             RESULTS,
-            names=(*names, MARKS, *self.results.placing.patterns(self.suffix)),
+            names=(
+                *result_files(self.suffix, html=self.results.html),
+                MARKS,
+                *self.results.placing.patterns(self.suffix),
+            ),
             inputs=self.files,
             source=self.source,
             overwrite=self.results.overwrite,
@@ -243,31 +238,12 @@ class TrimRun:
             raise InputError(f"None of the {len(known)} cameras with pictures in '{photos}' sees the object.")
         return views, PhotoSegmenter(segmenter, photos, known)
 
-    def _say_where(self, console: Console, report: Mapping[str, Any], said: Sequence[str]) -> None:
-        """Say where the results are, and more of them."""
-        files = [entry["file"] for entry in object_entries(report) if entry["file"]]
-        listed = ", ".join(files) if len(files) <= _LISTED else f"{files[0]} to {files[-1]}"
-        looked_at = REPORT if self.results.html else PICTURE
-        written = self.results.write_background and report["counts"]["background"]
-        background = f", background{self.suffix}" if written else ""
-        console.print(f"{listed}{background}, {looked_at} and the rest are in {self.folder}.")
-        for sentence in said:
-            console.print(sentence)
-
-
-def _print_objects(console: Console, report: Mapping[str, Any], seconds: float) -> None:
-    """Say what became of several objects, from their report, and the time of the trim."""
-    entries, counts = object_entries(report), report["counts"]
-    for entry in entries:
-        numbers = counts | entry.get("counts", {})
-        said = f"{entry['gaussians']:,} Gaussians. {sentence_of(numbers)}."
-        said = f"not trimmed: {entry['refused']}" if entry["refused"] else said
-        for name, heading in _SAID.items():
-            said += f" {heading}: {entry[name]}." if entry[name] else ""
-        console.print(f"{title_of(entry['name'])}: {said}")
-    number = "1 object" if len(entries) == 1 else f"{len(entries)} objects"
-    claimed = f"; {counts['claimed_by_several']:,} claimed by two objects" if counts.get("claimed_by_several") else ""
-    total = sum(entry["gaussians"] for entry in entries)
-    console.print(f"{number}, {total:,} Gaussians{claimed}; time {seconds:.1f} s")
-    if counts["hidden"]:
-        console.print(f"{counts['hidden']:,} Gaussians that the objects hid were discarded.")
+    def _where(self, report: Mapping[str, Any]) -> str:
+        """Say where the results are."""
+        files = [entry["file"] for entry in report["objects"] if entry["file"]]
+        files = files if len(files) <= _LISTED else [f"{files[0]} to {files[-1]}"]
+        files += (
+            [f"background{self.suffix}"] if self.results.write_background and report["counts"]["background"] else []
+        )
+        looked_at = PAGE if self.results.html else PICTURE
+        return f"{', '.join([*files, looked_at])} and the rest are in {self.folder}."

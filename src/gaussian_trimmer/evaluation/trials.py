@@ -153,7 +153,7 @@ def measure(trial: Trial, ways: Mapping[str, Way], judge: Judge, *, fidelity: bo
         cut = Cut(result.object, result.background)
         after = mean_scores(judge.score_views(cut, trial.views, trial.gaussians if fidelity else None))
         where = trial.scene, trial.object, trial.kind, name
-        yield Run(*where, len(trial.views), before, after, seconds, result.refused or "")
+        yield Run(*where, len(trial.views), before, after, seconds, result.objects[0].refused or "")
 
 
 def trials_of(

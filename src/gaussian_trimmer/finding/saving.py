@@ -15,7 +15,7 @@ from gaussian_trimmer._version import __version__
 from gaussian_trimmer.finding.found import FoundObject, FoundObjects
 from gaussian_trimmer.finding.plan import draw_plan
 from gaussian_trimmer.io.writing import save_array, write_json, write_whole
-from gaussian_trimmer.output.html.document import asset, document, json_block, text
+from gaussian_trimmer.output.pages import asset, document, json_block, text
 from gaussian_trimmer.output.pictures import Picture, as_picture, write_picture
 from gaussian_trimmer.rendering import blend_values, render
 from gaussian_trimmer.surface.overview import drawn_rows

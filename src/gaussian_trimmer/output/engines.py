@@ -8,22 +8,43 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import numpy as np
 
+from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import unit_up, vector_of_up
-from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, quaternions_of, rotation_matrices
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import (
+    Float64Array,
+    FloatArray,
+    Gaussians,
+    IntArray,
+    concatenate,
+    ellipsoid_points,
+    quaternions_of,
+    rotation_matrices,
+)
+from gaussian_trimmer.io.writing import write_json
+from gaussian_trimmer.options import arg
+from gaussian_trimmer.settings import Range
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # conversions need neither kernels nor a trimmer
     from gaussian_trimmer.geometry.bounds import Bounds
+    from gaussian_trimmer.trimming.result import TrimResult
+    from gaussian_trimmer.trimming.up_vector import UpVector
 
 EngineName = Literal["blender", "cesium", "playcanvas", "three", "unity", "unreal"]
 Origin = Literal["foot", "centre", "scene"]
+POSES = "poses.json"
+"""Name of the file that says where the files for a program lie in the scene."""
 _DOWN_Y = (0.0, -1.0, 0.0)
 _BAND_ENDS = (0, 3, 8, 15)
 """Where the coefficients of degrees 1, 2 and 3 begin and end."""
 _CHUNK = 1 << 18
+_CORNERS = 128
+"""Directions in which the farthest point is a corner of a hull: engines take a few hundred corners at most."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +133,99 @@ def placement_for(
     return Placement(rotation, bounds.centre - down * bounds.axes[2], scale)
 
 
+@dataclass(frozen=True)
+class PlacingOptions:
+    """How files for other programs are turned, moved and scaled."""
+
+    engine: Annotated[EngineName | None, arg(name="for")] = None
+    """Files for this program, in a format that it reads, upright, with the foot at the origin. Trims write them beside
+    the others, with poses.json."""
+    origin: Annotated[Origin | None, arg(default="foot with --for, else scene")] = None
+    """What lies at the origin of those files: the middle of the foot, or of the box, or the scene's own origin."""
+    scale: Annotated[float, Range(1e-6, 1e6)] = 1.0
+    """Units of those files in a unit of the scene, such as 100 for centimetres."""
+
+    @property
+    def wished(self) -> bool:
+        """Whether files other than the scene's are asked for."""
+        return self != PlacingOptions()
+
+    @property
+    def needs_up(self) -> bool:
+        """Whether it matters which way is up."""
+        return self.engine is not None or self.origin in ("foot", "centre")
+
+    def placement(self, gaussians: Gaussians, up: Sequence[float] | Float64Array) -> Placement:
+        """Return where Gaussians are put."""
+        origin: Origin = self.origin or ("scene" if self.engine is None else "foot")
+        return placement_for(gaussians, up, engine=self.engine, origin=origin, scale=self.scale)
+
+    def patterns(self, suffix: str) -> tuple[str, ...]:
+        """Return patterns of the names of all files that `write` writes."""
+        if not self.wished:
+            return ()
+        ending = self._ending(suffix)
+        return f"object{ending}", f"object_*{ending}", f"background{ending}", "object*_hull.obj", POSES
+
+    def write(self, result: TrimResult, folder: Path, suffix: str, *, background: bool = True) -> list[str]:
+        """Write objects and background of a trim into an existing folder; return the names of the files.
+
+        Each object has its own foot at the origin, and a convex hull; the background has the foot of all objects
+        together, so that a single object fits it; `poses.json` says where each file lies in the scene.
+
+        Args:
+            result: the trim.
+            folder: where to write.
+            suffix: ending of the scene's own files, which those have that are for no program.
+            background: write the background too.
+
+        Raises:
+            InputError: a file cannot be written, or the format cannot hold the Gaussians.
+        """
+        from gaussian_trimmer.output.report import file_stems
+
+        ending, up, poses = self._ending(suffix), result.objects[0].up.direction, dict[str, Any]()
+        stems = file_stems((part.id, part.name) for part in result.objects)
+        parts = [part for part in result.objects if len(part.gaussians)]
+        for part in parts:
+            place, name = self.placement(part.gaussians, up), f"{stems[part.id]}{ending}"
+            placed, hull = place.apply(part.gaussians), f"{stems[part.id]}_hull.obj"
+            formats.write(placed, folder / name)
+            (folder / hull).write_text(hull_as_obj(placed), encoding="utf-8")
+            poses[name] = place.as_json(part.gaussians) | {"hull": hull}
+        if background and parts and len(result.background):
+            place = self.placement(concatenate([part.gaussians for part in parts]), up)
+            formats.write(place.apply(result.background), folder / f"background{ending}")
+            poses[f"background{ending}"] = place.as_json()
+        if poses:
+            write_json({"up": up.tolist(), "files": poses}, folder / POSES)
+        return list(poses)
+
+    def sentence(self, files: list[str], up: UpVector) -> str:
+        """Return what to say of the files that were written."""
+        said = f"For {ENGINES[self.engine].name}" if self.engine else "Placed"
+        turned = "" if self.engine is None else ", upright" if up.is_sure else ", upright if the up vector is right"
+        where = "they lie" if len(files) > 1 else "it lies"
+        return f"{said}{turned}: {', '.join(files)}; {POSES} says where {where}."
+
+    def check_target(self, target: Path) -> None:
+        """Refuse a file that the program does not read.
+
+        Raises:
+            InputError: its name has another ending.
+        """
+        reads = ENGINES[self.engine].reads if self.engine else ()
+        if reads and not any(formats.is_named(target.name, end) for end in reads):
+            raise InputError(
+                f"{self.engine} reads {', '.join(reads)}; name the target '{Path(target.stem).stem}{reads[0]}', or "
+                "leave --for out."
+            )
+
+    def _ending(self, suffix: str) -> str:
+        """Return how names of files end."""
+        return f"_for_{self.engine}{ENGINES[self.engine].reads[0]}" if self.engine else f"_placed{suffix}"
+
+
 def _bounds(gaussians: Gaussians, axes: Float64Array) -> Bounds:
     from gaussian_trimmer.geometry.bounds import robust_bounds  # late: conversions seldom need its kernels
 
@@ -168,3 +282,28 @@ def _turn_of_band(rotation: Float64Array, first: int, end: int) -> FloatArray:
     before = sh_basis(directions @ rotation)[:, first + 1 : end + 1]
     after = sh_basis(directions)[:, first + 1 : end + 1]
     return np.asarray(np.linalg.lstsq(after, before, rcond=None)[0].T, np.float32)
+
+
+def convex_hull(gaussians: Gaussians) -> tuple[Float64Array, IntArray]:
+    """Return corners (C, 3) of a hull around one standard deviation of Gaussians, and its triangles (F, 3), from 0.
+
+    Triangles are counter-clockwise as seen from outside. What is flat gets a hull that is hardly thicker.
+    """
+    from scipy.spatial import ConvexHull
+
+    points = ellipsoid_points(gaussians).reshape(-1, 3)
+    height = 1 - (2 * np.arange(_CORNERS) + 1) / _CORNERS
+    turn, side = np.pi * (1 + 5**0.5) * np.arange(_CORNERS), np.sqrt(1 - height**2)
+    directions = np.stack([side * np.cos(turn), side * np.sin(turn), height], axis=1)
+    corners = points[np.unique([int(np.argmax(points @ direction)) for direction in directions])]
+    hull = ConvexHull(corners, qhull_options="QJ")  # joggled: what is flat has a hull, too
+    a, b, c = corners[hull.simplices].swapaxes(0, 1)
+    inward = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(axis=1) < 0
+    return corners, np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
+
+
+def hull_as_obj(gaussians: Gaussians) -> str:
+    """Return the hull of Gaussians as the text of an .obj file, in their own coordinates."""
+    corners, triangles = convex_hull(gaussians)
+    lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in corners]
+    return "\n".join([*lines, *(f"f {i} {j} {k}" for i, j, k in triangles + 1), ""])

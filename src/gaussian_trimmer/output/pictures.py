@@ -18,7 +18,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.io.writing import write_whole
-from gaussian_trimmer.output.checked_sides import CheckedSides, checked_sides
+from gaussian_trimmer.output.report import checked_sides, describe_sides, judged_pitches, middle_degree, why_unchecked
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.config import CONTEXT_RADIUS
@@ -98,7 +98,9 @@ def draw_before_after(result: TrimResult) -> Picture:
     high. Of several, each has a smaller block, from two sides.
     """
     if len(result.objects) == 1:
-        return _draw_object(result, result.only, _RING_COLUMNS, (_LOW_PITCH_DEGREES, _HIGH_PITCH_DEGREES), _CELL_PIXELS)
+        return _draw_object(
+            result, result.objects[0], _RING_COLUMNS, (_LOW_PITCH_DEGREES, _HIGH_PITCH_DEGREES), _CELL_PIXELS
+        )
     blocks = [_draw_object(result, part, 2, (), _SMALL_CELL_PIXELS) for part in result.objects[:_MOST_OBJECTS]]
     blocks = [captioned(part.title, block) for part, block in zip(result.objects, blocks, strict=False)]
     columns = min(len(blocks), _OBJECTS_A_ROW)
@@ -109,8 +111,8 @@ def draw_before_after(result: TrimResult) -> Picture:
 def _draw_object(result: TrimResult, part: TrimmedObject, columns: int, pitches: Sequence[float], size: int) -> Picture:
     """Draw one object from a number of sides, and from other pitches in degrees."""
     sides, selected = checked_sides(part, result.cameras), result.scene.select(part.selected_rows)
-    yaws, cameras = cameras_around(part, selected, sides, columns, size, pitches)
-    verdicts = [sides.verdict(yaw) for yaw in (*yaws, *(yaws[:1] * len(pitches)))]
+    yaws, cameras = cameras_around(part, selected, middle_degree(sides[0]), columns, size, pitches)
+    verdicts = [why_unchecked(yaw, *sides) for yaw in (*yaws, *(yaws[:1] * len(pitches)))]
     after = "the object, not trimmed" if part.refused else "trimmed object"
     scene = _background_around(result, part)
     rest = "what was removed" if len(selected) == len(result.scene) else "the scene without the object"
@@ -121,33 +123,33 @@ def _draw_object(result: TrimResult, part: TrimmedObject, columns: int, pitches:
     ]
     pictures = [_row(*row, verdicts) for row in rows]
     width = pictures[0].shape[1]
-    closing = (f"not trimmed: {part.refused}", _REJECTED_COLOUR) if part.refused else (sides.sentence(), _TEXT_COLOUR)
-    return np.vstack([_headings(yaws, pitches, verdicts, width), *pictures, _strip([closing], width)])
+    closing = f"not trimmed: {part.refused}" if part.refused else describe_sides(part, sides[0])["sentence"]
+    strip = _strip([(closing, _REJECTED_COLOUR if part.refused else _TEXT_COLOUR)], width)
+    return np.vstack([_headings(yaws, pitches, verdicts, width), *pictures, strip])
 
 
 def cameras_around(
-    part: TrimmedObject, selected: Gaussians, sides: CheckedSides, count: int, size: int, pitches: Sequence[float] = ()
+    part: TrimmedObject, selected: Gaussians, first: int, count: int, size: int, pitches: Sequence[float] = ()
 ) -> tuple[list[int], list[Camera]]:
-    """Return whole degrees of yaw, beginning in the middle of what was judged, and cameras of the whole object.
+    """Return whole degrees of yaw, beginning with the first, and cameras of the whole object.
 
     After the cameras of these yaws, at the height that was judged, come those of the first yaw and of other pitches.
 
     Args:
         part: the object.
         selected: what was selected of it.
-        sides: from where it was judged.
+        first: the first yaw.
         count: number of cameras on the full circle.
         size: width and height of their pictures in pixels.
         pitches: further pitches in degrees.
     """
-    judged = float(np.median(sides.pitches)) if sides.pitches else _USUAL_PITCH_DEGREES
-    judged, cameras = float(np.clip(judged, -_MAX_PITCH_DEGREES, _MAX_PITCH_DEGREES)), list[Camera]()
+    judged, cameras = float(np.median(judged_pitches(part) or [_USUAL_PITCH_DEGREES])), list[Camera]()
+    judged = float(np.clip(judged, -_MAX_PITCH_DEGREES, _MAX_PITCH_DEGREES))
     for number, pitch in ((count, judged), *((1, pitch) for pitch in pitches)):
-        circle = (sides.middle, sides.middle + 360)
-        config = PlanConfig(views=number, size=size, pitch_degrees=pitch, yaw_range_degrees=circle)
+        config = PlanConfig(views=number, size=size, pitch_degrees=pitch, yaw_range_degrees=(first, first + 360))
         cameras += plan_cameras(selected, part.bounds.axes[2], config)[0]
     zoom = min(zoom_to_whole(camera, part.gaussians) for camera in cameras)
-    return [(sides.middle + 360 * i // count) % 360 for i in range(count)], [zoomed(c, zoom) for c in cameras]
+    return [(first + 360 * i // count) % 360 for i in range(count)], [zoomed(c, zoom) for c in cameras]
 
 
 def _past_what_hides(camera: Camera, scene: Gaussians, bounds: Bounds) -> Camera:

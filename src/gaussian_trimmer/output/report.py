@@ -1,4 +1,4 @@
-"""The report of a trim, as JSON holds it: of one object what happened to it, of several a list of that."""
+"""The report of a trim, as JSON holds it: what happened to each object and to the scene, and the same in sentences."""
 
 from __future__ import annotations
 
@@ -10,10 +10,33 @@ import numpy as np
 
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import LabelArray
+from gaussian_trimmer.gaussians import BoolArray, LabelArray
 from gaussian_trimmer.io.writing import safe_file_name
-from gaussian_trimmer.output.checked_sides import checked_sides, shrunk_side
 from gaussian_trimmer.trimming.result import THE_OBJECT, RowLabel, TrimmedObject, TrimResult
+from gaussian_trimmer.trimming.up_vector import up_text
+from gaussian_trimmer.views.observed_angles import cameras_that_see, observed_angles
+from gaussian_trimmer.views.small_views import angles_around
+
+_MAX_REACH_DEGREES = 36
+"""Degrees of yaw to either side that one view judges at most: half the step of five views on a circle."""
+_MAX_PITCH_DEGREES = 80.0
+"""Pitch in degrees beyond which a view shows the top or the underside, and no side."""
+_ALL_AROUND_DEGREES = 350
+"""Degrees from which on nothing is called unseen."""
+_SHRUNK_SHARE, _SHRUNK_LEAST = 0.3, 0.02
+"""Share of a side's selected Gaussians, and of all that are selected, from which on it is said that they are gone."""
+_SIDES = ("at 0 degrees", "at 180 degrees", "at 90 degrees", "at 270 degrees", "at its top", "at its foot")
+"""The ends of the axes of an object's bounds; degrees of yaw as in the pictures."""
+_FAR_OFF = 2.0
+"""Half extents from the centre beyond which Gaussians are of no side."""
+_FATES = {
+    "kept": "kept",
+    "cut": "cut at the outline",
+    "removed": "removed",
+    "discarded": "discarded",
+    "went_to_other_objects": "went to other objects",
+}
+"""What becomes of selected Gaussians, by the names of the counts: each is counted once."""
 
 
 def describe(
@@ -30,55 +53,62 @@ def describe(
         seconds: time taken outside the trimmer, by stage.
         suffix: ending of the splat files.
     """
-    report: dict[str, Any] = {
+    labels, stems = result.labels, file_stems((part.id, part.name) for part in result.objects)
+    return {
         "version": __version__,
         "inputs": dict(inputs or {}),
         "configuration": asdict(result.config),
         "segmenter": result.segmenter,
+        "objects": [_describe_object(result, part, labels, f"{stems[part.id]}{suffix}") for part in result.objects],
+        "counts": _count_scene(result),
+        "seconds": _rounded({**(seconds or {}), **result.seconds}),
     }
-    labels, counts = result.labels, _count_scene(result)
-    stems = file_stems((part.id, part.name) for part in result.objects)
-    entries = [
-        {
-            "id": part.id,
-            "name": part.name,
-            "file": f"{stems[part.id]}{suffix}" if len(part.gaussians) else None,
-            "gaussians": len(part.gaussians),
-            **_describe_object(result, part, labels),
-            "seconds": _rounded(part.seconds),
-        }
-        for part in result.objects
+
+
+def sentences(report: Mapping[str, Any]) -> list[str]:
+    """Return what to say of each object of a report, in its order, and last of the scene without them.
+
+    What may be wrong is not among it: these are sentences already, the `warnings` of each object.
+    """
+    counts, ups = report["counts"], {up_text(**entry["up"]) for entry in report["objects"]}
+    said = [f"{counts['background']:,} Gaussians"]
+    said += [f"{counts['hidden']:,} that only objects hid discarded"] if counts["hidden"] else []
+    said += [f"{counts['filled']:,} new ones where objects stood"] if counts["filled"] else []
+    said += [f"shadow removed from {counts['relit']:,}"] if counts["relit"] else []
+    said += [f"{counts['claimed_by_several']:,} claimed by several objects"] if counts["claimed_by_several"] else []
+    up = ups.pop() if len(ups) == 1 else "found for each object by itself"
+    return [*map(_of_object, report["objects"]), f"{', '.join(said)}. Up: {up}."]
+
+
+def _of_object(entry: Mapping[str, Any]) -> str:
+    if entry["refused"]:
+        return f"Not trimmed: {entry['refused'].rstrip('.')}. It is the selection as it came."
+    counts, views = entry["counts"], entry["views"]
+    fates = [f"{counts[name]:,} {fate}" for name, fate in _FATES.items() if counts[name] or name in ("kept", "removed")]
+    far = f" ({counts['floaters']:,} of those removed lay far away)" if counts["floaters"] else ""
+    judged = "" if all(view["judged"] for view in views) else ", whose masks follow the selection"
+    accepted = sum(view["accepted"] for view in views)
+    said = [
+        f"{entry['gaussians']:,} Gaussians",
+        f"Of {counts['selected']:,} selected, {', '.join(fates)}{far}; {counts['added']:,} added",
+        entry["shrunk_side"],
+        f"{accepted} of {len(views)} views used{judged}; {entry['checked']['sentence']}",
+        f"{counts['fitted']:,} fitted to the outline" if counts["fitted"] else "",
+        entry["not_fitted"] and f"Not fitted: {entry['not_fitted'].rstrip('.')}",
+        entry["not_filled"] and f"Not filled in: {entry['not_filled'].rstrip('.')}",
     ]
-    if len(entries) == 1:
-        counts = {"scene": counts.pop("scene"), **entries[0].pop("counts"), **counts}
-        report |= entries[0]
-    else:
-        report["objects"] = entries
-        counts |= {
-            "objects": len(result.objects),
-            "in_objects": sum(len(part.gaussians) for part in result.objects),
-            "claimed_by_several": result.contested,
-            "refused": sum(bool(part.refused) for part in result.objects),
-        }
-    return report | {"counts": counts, "seconds": _rounded({**(seconds or {}), **result.seconds})}
+    return " ".join(f"{sentence}." for sentence in said if sentence)
 
 
-def object_entries(report: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return what a report says of each object, with its name, its file and its counts."""
-    return [report] if "objects" not in report else list(report["objects"])
-
-
-def alerts(warnings: Sequence[str], shrunk_side: str | None) -> list[str]:
-    """Return the warnings of an object but that of a smaller side, which the summaries tell by themselves."""
-    return [sentence for sentence in warnings if sentence != f"{shrunk_side}."]
-
-
-def _describe_object(result: TrimResult, part: TrimmedObject, labels: LabelArray) -> dict[str, Any]:
-    """What the report says of one object."""
-    chosen = part.selected_rows
-    shrunk = shrunk_side(part, result.scene.means[chosen], labels[chosen] == 0)
-    doubts = [] if part.refused else [part.up.doubt(), shrunk and f"{shrunk}."]
+def _describe_object(result: TrimResult, part: TrimmedObject, labels: LabelArray, file: str) -> dict[str, Any]:
+    """Return what the report says of one object."""
+    doubt = None if part.refused else part.up.doubt()
+    gone = labels[part.selected_rows] == 0
     return {
+        "id": part.id,
+        "name": part.name,
+        "file": file if len(part.gaussians) else None,
+        "gaussians": len(part.gaussians),
         "up": {
             "direction": part.up.direction.tolist(),
             "source": part.up.source,
@@ -94,17 +124,18 @@ def _describe_object(result: TrimResult, part: TrimmedObject, labels: LabelArray
                 "accepted": not view.rejected,
                 "judged": view.judged,
                 "reason": view.rejected or None,
-                **_camera_entry(view.view.camera),
+                **_describe_camera(view.view.camera),
             }
             for view in part.views
         ],
-        "checked": checked_sides(part, result.cameras).as_json(),
-        "shrunk_side": shrunk,
+        "checked": describe_sides(part, checked_sides(part, result.cameras)[0]),
+        "shrunk_side": shrunk_side(part, result.scene.means[part.selected_rows], gone),
         "refused": part.refused or None,
         "not_fitted": part.not_fitted or None,
         "not_filled": part.not_filled or None,
-        "warnings": [*part.warnings, *filter(None, doubts)],
+        "warnings": [*part.warnings, *filter(None, [doubt])],
         "counts": _count_object(result, part, labels),
+        "seconds": _rounded(part.seconds),
     }
 
 
@@ -113,6 +144,10 @@ def _count_scene(result: TrimResult) -> dict[str, int]:
     label = result.background_label
     return {
         "scene": len(result.scene),
+        "objects": len(result.objects),
+        "in_objects": sum(len(part.gaussians) for part in result.objects),
+        "claimed_by_several": result.contested,
+        "refused": sum(bool(part.refused) for part in result.objects),
         "split": len(np.unique(result.background_source[label == RowLabel.SPLIT_OUTSIDE])),
         "hidden": len(np.setdiff1d(result.discarded, np.concatenate([p.selected_rows for p in result.objects]))),
         "relit": int(np.count_nonzero(label == RowLabel.RELIT)),
@@ -122,7 +157,7 @@ def _count_scene(result: TrimResult) -> dict[str, int]:
 
 
 def _count_object(result: TrimResult, part: TrimmedObject, labels: LabelArray) -> dict[str, int]:
-    """What became of the Gaussians of a selection, and how many rows the object has.
+    """Count what became of the Gaussians of a selection, and the rows that the object has.
 
     Every selected Gaussian is counted once: it was kept, cut (the object has parts of it), discarded (it is in no
     file), went to another object, or was removed (it is in the background). `added` ones joined the object, `floaters`
@@ -136,9 +171,8 @@ def _count_object(result: TrimResult, part: TrimmedObject, labels: LabelArray) -
         counts[name] = int(np.count_nonzero(found))
         left = left[~found]
     elsewhere = int(np.count_nonzero(labels[left]))
-    if len(result.objects) > 1:
-        counts["went_to_other_objects"] = elsewhere
     return counts | {
+        "went_to_other_objects": elsewhere,
         "removed": len(left) - elsewhere,
         "added": len(np.setdiff1d(rows, part.selected_rows, assume_unique=True)),
         "fitted": len(part.fitted),
@@ -166,7 +200,91 @@ def file_stems(objects: Iterable[tuple[int, str]]) -> dict[int, str]:
     return stems
 
 
-def _camera_entry(camera: Camera) -> dict[str, Any]:
+def checked_sides(part: TrimmedObject, cameras: Sequence[Camera]) -> tuple[BoolArray, BoolArray]:
+    """Return which degrees of yaw around an object an accepted view judged, (360,), and which the cameras saw, (360,).
+
+    What the training cameras, if known, did not see counts as not judged. Degrees are those of the object's bounds.
+    """
+    yaws, pitches = map(np.degrees, angles_around([view.view.camera for view in part.views], part.bounds))
+    aside, observed = np.abs(pitches) <= _MAX_PITCH_DEGREES, np.ones(360, np.bool_)
+    # Half the usual step between neighbouring views, so that views side by side show all between them.
+    places = np.unique(np.round(yaws[aside], 1) % 360)
+    gaps = np.diff(np.append(places, places[:1] + 360))
+    reach = min(float(np.median(gaps)) / 2 if len(places) > 1 else 360.0, _MAX_REACH_DEGREES)
+    degrees, accepted = np.arange(360) + 0.5, np.array([not view.rejected for view in part.views], np.bool_)
+    apart = np.abs((degrees[:, None] - yaws[aside & accepted] + 180) % 360 - 180)
+    if cameras:
+        seeing = cameras_that_see(cameras, part.bounds)
+        first, span, _ = observed_angles(seeing, part.bounds, 0.0) if seeing else (0.0, -1.0, 0.0)
+        observed = (degrees - np.degrees(first)) % 360 <= np.degrees(span)
+    return (apart <= reach).any(axis=1) & observed, observed
+
+
+def runs_of_degrees(flags: BoolArray) -> list[list[int]]:
+    """Return first and one past the last degree of each run of True on the circle; the last may be beyond 360.
+
+    >>> runs_of_degrees((np.arange(360) < 10) | (np.arange(360) >= 300))
+    [[300, 370]]
+    """
+    if flags.all():
+        return [[0, 360]]
+    starts = np.flatnonzero(flags & ~np.roll(flags, 1))
+    return [[int(start), int(start + np.argmin(np.roll(flags, -start)))] for start in starts]
+
+
+def middle_degree(flags: BoolArray) -> int:
+    """Return the degree in the middle of the longest run of True on the circle; 0 if there is none or it is all."""
+    start, end = max(runs_of_degrees(flags), key=lambda run: run[1] - run[0], default=[0, 0])
+    return (start + end) // 2 % 360 if end - start < 360 else 0
+
+
+def why_unchecked(yaw: int, checked: BoolArray, observed: BoolArray) -> str:
+    """Return why a direction, a degree of yaw, was not judged, in a few words; empty if it was."""
+    if checked[yaw % 360]:
+        return ""
+    return "no accepted view from here" if observed[yaw % 360] else "no photograph from here"
+
+
+def judged_pitches(part: TrimmedObject) -> list[float]:
+    """Return pitches of an object's accepted views in degrees above the horizon, ascending, each once."""
+    _, pitches = angles_around([view.view.camera for view in part.views if not view.rejected], part.bounds)
+    return [float(pitch) for pitch in np.unique(np.round(np.degrees(pitches), 1))]
+
+
+def describe_sides(part: TrimmedObject, checked: BoolArray) -> dict[str, Any]:
+    """Return what the report says of the degrees of yaw around an object that were judged, (360,)."""
+    heights, degrees, said = judged_pitches(part), int(np.count_nonzero(checked)), "no side was checked"
+    if degrees:
+        ends = sorted({round(heights[0]), round(heights[-1])})
+        words = " to ".join(f"{abs(end)} degrees {'below' if end < 0 else 'above'}" for end in ends)
+        rest = "the far side was" if degrees <= 180 else f"the other {360 - degrees} were"
+        said = f"checked over {degrees} of 360 degrees, from {words} the horizon; {rest} not checked"
+        if degrees >= _ALL_AROUND_DEGREES:
+            said = f"checked from all sides, from {words} the horizon"
+    ranges = runs_of_degrees(checked)
+    return {"degrees": degrees, "sentence": said, "yaw_ranges_degrees": ranges, "pitches_degrees": heights}
+
+
+def shrunk_side(part: TrimmedObject, positions: np.ndarray, gone: BoolArray) -> str | None:
+    """Say from which side of an object most of its selection was taken, without a full stop; None if from none.
+
+    Args:
+        part: the object.
+        positions: centres of the selected Gaussians, (C, 3).
+        gone: which of them are neither in it nor in another object, (C,).
+    """
+    local = (positions - part.bounds.centre) @ part.bounds.axes.T / np.maximum(part.bounds.half_extents, 1e-12)
+    axis, near = np.abs(local).argmax(axis=1), np.abs(local).max(axis=1) < _FAR_OFF
+    side = 2 * axis + (np.take_along_axis(local, axis[:, None], 1)[:, 0] < 0)
+    total, lost = (np.bincount(side[near & rows], minlength=len(_SIDES)) for rows in (np.ones_like(gone), gone))
+    shrunk = (lost >= _SHRUNK_SHARE * total) & (lost >= _SHRUNK_LEAST * len(gone)) & (lost > 0)
+    if part.refused or not shrunk.any():
+        return None
+    most = int(np.argmax(lost * shrunk))
+    return f"{lost[most]:,} of {total[most]:,} selected Gaussians {_SIDES[most]} are not in the object"
+
+
+def _describe_camera(camera: Camera) -> dict[str, Any]:
     return {
         "name": camera.name,
         "width": camera.width,

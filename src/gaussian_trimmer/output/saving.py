@@ -13,7 +13,7 @@ import numpy as np
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.writing import atomic_folder, write_json, write_whole
-from gaussian_trimmer.output.html.report_page import REPORT, write_report_page
+from gaussian_trimmer.output.pages import report_page
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
 from gaussian_trimmer.output.report import describe, file_stems
 from gaussian_trimmer.parallel import parallel_map
@@ -22,8 +22,8 @@ from gaussian_trimmer.views.view import TrimmedView
 
 RESULTS = "trim"
 """What the manifest of a folder calls these results."""
-PICTURE = "before_after.png"
-"""Name of the picture of all objects."""
+PICTURE, PAGE = "before_after.png", "report.html"
+"""Names of the picture of all objects, and of the page."""
 LABEL_NAMES = tuple(label.name.lower() for label in RowLabel)
 """Names of the labels of rows, by number."""
 
@@ -50,8 +50,7 @@ def save(
     if not isinstance(result, TrimResult):
         raise InputError(f"The result is a {type(result).__name__}; give what gaussian_trimmer.trim returns.")
     folder, suffix = Path(folder), suffix_of(format or "ply")
-    names = result_files(suffix, several=len(result.objects) > 1, html=html)
-    with atomic_folder(folder, RESULTS, names=names, overwrite=overwrite) as part:
+    with atomic_folder(folder, RESULTS, names=result_files(suffix, html=html), overwrite=overwrite) as part:
         write_trim(result, describe(result, suffix=suffix), part, suffix, html=html)
     return folder
 
@@ -88,24 +87,17 @@ def write_trim(
     ]
     if len(result.objects) == 1:
         (folder / "views").mkdir()
-        files += [partial(_write_view, view, i, folder / "views") for i, view in enumerate(result.views)]
+        files += [partial(_write_view, view, i, folder / "views") for i, view in enumerate(result.objects[0].views)]
     for _ in parallel_map(lambda write: write(), files):
         pass
     if html:
-        write_report_page(result, report, folder)
+        write_whole(folder / PAGE, report_page(result, report))
 
 
-def result_files(suffix: str, *, several: bool = False, html: bool = False) -> tuple[str, ...]:
-    """Return patterns of the names of all files that are written.
-
-    Args:
-        suffix: ending of the splat files.
-        several: whether objects have names or ids.
-        html: whether there is a page.
-    """
-    objects = (f"object_*{suffix}",) if several else (f"object{suffix}", "views/[0-9][0-9].png")
-    names = (*objects, f"background{suffix}", "labels.npz", "report.json", PICTURE)
-    return (*names, REPORT) if html else names
+def result_files(suffix: str, *, html: bool = False) -> tuple[str, ...]:
+    """Return patterns of the names of all files that are written, by the ending of the splat files."""
+    names = (f"object{suffix}", f"object_*{suffix}", "views/[0-9][0-9].png", f"background{suffix}", "labels.npz")
+    return (*names, "report.json", PICTURE, *([PAGE] if html else []))
 
 
 def suffix_of(format: str) -> str:
@@ -147,7 +139,7 @@ def _write_labels(result: TrimResult, path: Path) -> None:
         "discarded": result.discarded,
     }
     if len(objects) == 1:
-        arrays["selected"] = result.only.selected_rows
+        arrays["selected"] = objects[0].selected_rows
     arrays = {name: array.astype(np.int32) for name, array in arrays.items()}
     # Into memory first: `np.savez` does not notice everywhere that a disk is full.
     buffer = BytesIO()

@@ -126,7 +126,7 @@ def refuse_whole_scene(selection: BoolArray, path: Path | str, scene: Path | str
 def rough_objects(objects: Any, n: int) -> list[RoughObject]:
     """Return the objects that callers give as selections of n Gaussians by id or name, as a list, or as labels (N,).
 
-    Those without whole numbers as ids are counted from 1.
+    Their ids are the keys where all of these are whole numbers above 0, or else count from 1; keys are their names.
 
     Raises:
         InputError: there is no object, or a selection that cannot be used.
@@ -142,7 +142,7 @@ def rough_objects(objects: Any, n: int) -> list[RoughObject]:
         raise InputError("There is no object to trim; give at least one id with its selection.")
     if not isinstance(objects, Mapping):
         objects = dict(enumerate(objects, 1))
-    numbered = all(isinstance(key, Integral) and not isinstance(key, bool) for key in objects)
+    numbered = all(isinstance(key, Integral) and not isinstance(key, bool) and int(key) > 0 for key in objects)
     return [
         RoughObject(
             int(key) if numbered else place,

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +97,7 @@ class TrimmedObject:
 class TrimResult:
     """Objects and the scene without them: every Gaussian of the scene is in one of them, split, or discarded.
 
-    Where there is one object, `object` and the other properties up to `warnings` speak of it.
+    One object is `objects[0]`.
     """
 
     scene: Gaussians
@@ -149,73 +147,30 @@ class TrimResult:
         return labels
 
     @property
-    def only(self) -> TrimmedObject:
-        """The object where there is one.
+    def object(self) -> Gaussians:
+        """The object's Gaussians, where there is one object."""
+        return self._only.gaussians
 
-        Raises:
-            InputError: there are several.
-        """
+    @property
+    def object_mask(self) -> BoolArray:
+        """Which Gaussians of the scene the object has, whole or in part, (N,), where there is one object."""
+        return mask_of_rows(self._only.source_index, len(self.scene))
+
+    @property
+    def selection(self) -> BoolArray:
+        """Which Gaussians of the scene were selected, (N,), where there is one object."""
+        return mask_of_rows(self._only.selected_rows, len(self.scene))
+
+    @property
+    def _only(self) -> TrimmedObject:
         if len(self.objects) != 1:
             raise InputError(f"The result has {len(self.objects)} objects; look at each of result.objects.")
         return self.objects[0]
 
-    @property
-    def object(self) -> Gaussians:
-        """The object's Gaussians."""
-        return self.only.gaussians
-
-    @property
-    def object_mask(self) -> BoolArray:
-        """Which Gaussians of the scene the object has, whole or in part, (N,)."""
-        return mask_of_rows(self.only.source_index, len(self.scene))
-
-    @property
-    def selection(self) -> BoolArray:
-        """Which Gaussians were selected, (N,)."""
-        return mask_of_rows(self.only.selected_rows, len(self.scene))
-
-    @property
-    def up(self) -> UpVector:
-        """The up vector."""
-        return self.only.up
-
-    @property
-    def bounds(self) -> Bounds:
-        """Bounds of the selected object."""
-        return self.only.bounds
-
-    @property
-    def views(self) -> tuple[TrimmedView, ...]:
-        """The views that the trimmer looked from."""
-        return self.only.views
-
-    @property
-    def refused(self) -> str | None:
-        """Why the selection was returned unchanged; None if it was trimmed."""
-        return self.only.refused
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What may be wrong with the inputs."""
-        return self.only.warnings
-
     def count(self, label: RowLabel | int) -> int:
         """Return the number of rows of objects and background with a label."""
         labels = [*(part.label for part in self.objects), self.background_label]
-        return sum(int(np.count_nonzero(of_part == label)) for of_part in labels)
-
-    @property
-    def report(self) -> dict[str, Any]:
-        """What `report.json` holds: settings, cameras, up vector, views accepted or rejected and why, counts, times."""
-        from gaussian_trimmer.output.report import describe
-
-        return describe(self)
-
-    def save(self, folder: str | Path, **options: Any) -> Path:
-        """Write what the command line writes, and return the folder; see `gaussian_trimmer.save` for the options."""
-        from gaussian_trimmer.output.saving import save
-
-        return save(self, folder, **options)
+        return int(np.count_nonzero(np.concatenate(labels) == label))
 
 
 def title_of(name: str) -> str:

@@ -1,1 +1,0 @@
-"""Pages that open in a browser without a server: the report of a trim."""
