@@ -1,7 +1,7 @@
 """How good is a selection by one box or one click, as it is selected and after the trim?
 
     python benchmarks/clicks.py ROOT [--ways box click] [--marks 3] [--objects NAME ...] [--without-cameras]
-        [--sam-model DIR] [--output FILE]
+        [--output FILE]
 
 ROOT holds benchmark scenes (see benchmark_scenes.py), or is one. The user is simulated: in the
 training view whose mask of the object is largest, the box is the mask's bounds and two pixels more, within the
@@ -18,7 +18,6 @@ import json
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +33,6 @@ from gaussian_trimmer.evaluation import metrics
 from gaussian_trimmer.evaluation.ground_truth import TestView
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.distances import distance_to_outside
-from gaussian_trimmer.masks.sam import SamConfig, SamSegmenter
 from gaussian_trimmer.rendering import blend_values, render
 from gaussian_trimmer.selecting.marks import Box, Click, Mark
 from gaussian_trimmer.selecting.select import select
@@ -79,7 +77,6 @@ def main() -> None:
     parser.add_argument("--marks", type=int, default=1, help="number of marks at most")
     parser.add_argument("--objects", nargs="+", help="only these objects")
     parser.add_argument("--without-cameras", action="store_true", help="give neither cameras nor up vector")
-    parser.add_argument("--sam-model", type=Path, help="folder of a model that understands the marks")
     parser.add_argument("--output", type=Path, help="write all rows to this JSON file")
     arguments = parser.parse_args()
     rows = []
@@ -134,11 +131,10 @@ def _measure(scene: BenchmarkScene, arguments: Namespace) -> Iterator[Row]:
         for way in arguments.ways:
             first: Mark = Box(*box_around(mask), camera) if way == "box" else Click(*middle_of(mask), camera)
             marks: list[Any] = [first]
-            model = _sam(arguments.sam_model) if arguments.sam_model else None
             while True:
                 number, view = len(marks), marks[-1].view.name
                 try:
-                    made = select(scene.gaussians, marks, cameras=cameras, up=up, model=model)
+                    made = select(scene.gaussians, marks, cameras=cameras, up=up)
                 except InputError as refused:
                     yield Row(scene.name, name, way, view, str(refused), 0, 0.0, 0.0, number, exact)
                     break
@@ -152,12 +148,6 @@ def _measure(scene: BenchmarkScene, arguments: Namespace) -> Iterator[Row]:
                 if number >= arguments.marks or good or not (mark := _next_click(scene, name, made.mask)):
                     break
                 marks.append(mark)
-
-
-@cache
-def _sam(folder: Path) -> SamSegmenter:
-    """The model, loaded once."""
-    return SamSegmenter(SamConfig(str(folder)))
 
 
 def _next_click(scene: BenchmarkScene, name: str, selection: BoolArray) -> Click | None:

@@ -21,7 +21,7 @@ from rooms import bookcase, cabinet, discs, lamp, picture, plant
 
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.found import SURE
-from gaussian_trimmer.finding.plan import draw_plan
+from gaussian_trimmer.finding.saving import draw_plan
 from gaussian_trimmer.gaussians import Float64Array, Gaussians, IntArray, concatenate
 from gaussian_trimmer.output.pictures import write_picture
 

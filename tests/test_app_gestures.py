@@ -12,7 +12,7 @@ from gaussian_trimmer.app.page import Action, Control, Gesture, Page
 from gaussian_trimmer.cameras import Camera, Viewpoint, look_at
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.selecting.marks import Stroke
-from gaussian_trimmer.selecting.strokes import drawn_over, in_spheres, under_stroke
+from gaussian_trimmer.selecting.shapes import drawn_over, in_spheres, under_stroke
 
 
 class Gui:

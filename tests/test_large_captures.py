@@ -10,11 +10,10 @@ import toy
 
 from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.finding import at_point, find
-from gaussian_trimmer.finding.agreement import Candidate, agree
-from gaussian_trimmer.finding.found import Verdict
-from gaussian_trimmer.finding.tall_things import TallThings
-from gaussian_trimmer.finding.tiles import plan_tiles, tile_counts
+from gaussian_trimmer.finding import find, looking
+from gaussian_trimmer.finding.agreement import Candidate, choose_objects
+from gaussian_trimmer.finding.found import FoundObject
+from gaussian_trimmer.finding.tiles import TallThings, plan_tiles, tile_counts
 from gaussian_trimmer.gaussians import concatenate, mask_of_rows
 from gaussian_trimmer.geometry.storey import Storey, find_storey
 from gaussian_trimmer.rendering import render
@@ -114,32 +113,32 @@ def test_a_box_at_the_border_of_a_tile_is_not_whole():
 
 def candidate(rows, confidence=0.8, reaches_ceiling=False, foot=0.0, doubts=()):
     centre = np.array([0, 0, foot + 0.5])
-    verdict = Verdict(1, 0.1, 1.0, 0, centre, np.ones(3), confidence, "stands on a surface", doubts)
-    return Candidate(np.array(rows), verdict, reaches_ceiling, reaches_ceiling)
+    thing = FoundObject(1, 0.1, 1.0, 0, centre, np.ones(3), confidence, "stands on a surface", doubts)
+    return Candidate(np.array(rows), thing, reaches_ceiling, reaches_ceiling)
 
 
 def test_what_most_tiles_agree_on_wins_and_what_one_tile_joined_is_dropped():
     chair, other = range(100), range(100, 180)
     both = range(180)
-    found = agree([candidate(chair)] * 5 + [candidate(other)] * 4 + [candidate(both)] * 2, 200, UP)
+    found = choose_objects([candidate(chair)] * 5 + [candidate(other)] * 4 + [candidate(both)] * 2, 200, UP)
     assert [len(one.rows) for one in found] == [100, 80]
-    assert all(one.verdict.confidence == 0.8 for one in found)
+    assert all(one.thing.confidence == 0.8 for one in found)
 
 
 def test_things_that_are_sure_by_themselves_come_before_the_group_that_most_tiles_made_of_them():
     table, chairs = range(600), [range(600, 700), range(700, 800)]
     alone = [candidate(chair) for chair in chairs for _ in range(3)]
-    found = agree([candidate(range(800))] * 9 + alone, 800, UP)
+    found = choose_objects([candidate(range(800))] * 9 + alone, 800, UP)
     assert [one.rows.tolist() for one in found] == [list(chairs[0]), list(chairs[1]), list(table)]
-    assert [len(one.rows) for one in agree([candidate(range(800))] * 9 + alone[:3], 800, UP)] == [800]
+    assert [len(one.rows) for one in choose_objects([candidate(range(800))] * 9 + alone[:3], 800, UP)] == [800]
 
 
 def test_what_stands_on_a_thing_is_a_part_of_it_however_many_tiles_agree_on_it():
     sofa = [candidate(range(400))] * 3
     cushions = [candidate(range(first, first + 60), foot=0.4) for first in (0, 100) for _ in range(9)]
-    assert [len(one.rows) for one in agree(sofa + cushions, 400, UP)] == [400]
-    assert [len(one.rows) for one in agree(cushions, 400, UP)] == [60, 60]
-    assert [len(one.rows) for one in agree(sofa + cushions, 400, UP, parts=True)] == [60, 60, 280]
+    assert [len(one.rows) for one in choose_objects(sofa + cushions, 400, UP)] == [400]
+    assert [len(one.rows) for one in choose_objects(cushions, 400, UP)] == [60, 60]
+    assert [len(one.rows) for one in choose_objects(sofa + cushions, 400, UP, parts=True)] == [60, 60, 280]
 
 
 def test_the_largest_tiles_hold_about_all_of_a_small_capture():
@@ -160,25 +159,25 @@ def test_what_few_tiles_found_alike_is_small_or_cut_off_is_doubted():
         [candidate(range(100, 110))] * 4,
         [candidate(range(120, 200), 0.8, True)] * 4,
     )
-    found = agree(few + small + cut, 200, UP)
+    found = choose_objects(few + small + cut, 200, UP)
     assert len(found) == 3
-    assert max(one.verdict.confidence for one in found) < 0.5
-    assert {one.verdict.why.split(", ")[1].split()[0] for one in found} == {"found", "small", "reaches"}
+    assert max(one.thing.confidence for one in found) < 0.5
+    assert {one.thing.why.split(", ")[1].split()[0] for one in found} == {"found", "small", "reaches"}
 
 
 def test_a_sure_object_has_no_doubts_and_an_unsure_one_has_each_once():
     seen_badly = candidate(range(100), 0.3, doubts=("seen in few views",))
-    [sure] = agree([seen_badly, candidate(range(100)), candidate(range(100))], 100, UP)
-    assert sure.verdict.sure and sure.verdict.why == "stands on a surface"
-    [small] = agree([candidate(range(10), 0.3, doubts=("small",))] * 3, 100, UP)
-    assert small.verdict.why == "stands on a surface, small"
-    [doubted] = agree([candidate(range(100)), seen_badly, seen_badly], 100, UP)
-    assert not doubted.verdict.sure and doubted.verdict.why.count(",") == 1
+    [sure] = choose_objects([seen_badly, candidate(range(100)), candidate(range(100))], 100, UP)
+    assert sure.thing.sure and sure.thing.why == "stands on a surface"
+    [small] = choose_objects([candidate(range(10), 0.3, doubts=("small",))] * 3, 100, UP)
+    assert small.thing.why == "stands on a surface, small"
+    [doubted] = choose_objects([candidate(range(100)), seen_badly, seen_badly], 100, UP)
+    assert not doubted.thing.sure and doubted.thing.why.count(",") == 1
 
 
 def test_how_sure_an_object_is_is_what_most_that_are_alike_think():
     looks = [candidate(range(100), confidence) for confidence in (0.9, 0.3, 0.2)]
-    assert [one.verdict.confidence for one in agree(looks, 100, UP)] == [0.3]
+    assert [one.thing.confidence for one in choose_objects(looks, 100, UP)] == [0.3]
 
 
 def tall_room():
@@ -203,13 +202,13 @@ def test_a_click_takes_a_tall_thing_with_its_upper_part():
     scene, part = room.scene_of(room.floor(), ceiling(2.6), *furniture()[:1], lamp)
     middle = np.array([1, 0.85, 0.4])
     seen = (np.linalg.norm(scene.means - middle, axis=1) < 0.1).astype(np.float32)
-    [thing, *_] = at_point.ThingsAtPoints(scene, UP).at(middle, seen)
+    [thing, *_] = looking.ThingsAtPoints(scene, UP).at(middle, seen)
     assert toy.jaccard(mask_of_rows(thing, len(scene)), part == 3) > 0.8
 
 
 def test_what_only_one_tile_found_is_not_named():
-    assert agree([candidate(range(100))], 200, UP) == []
-    assert agree([], 200, UP) == []
+    assert choose_objects([candidate(range(100))], 200, UP) == []
+    assert choose_objects([], 200, UP) == []
 
 
 def test_furniture_is_found_below_its_ceiling(monkeypatch):
@@ -229,7 +228,7 @@ def clicks(monkeypatch):
     """Clicks in a furnished room that counts as a large capture: the scene, its parts, and what understands them."""
     scene, part = room.scene_of(room.floor(), ceiling(2.6), *furniture())
     monkeypatch.setattr(interpretation, "LARGEST_LOOK", 1000)
-    monkeypatch.setattr(at_point, "tile_counts", lambda shown: (0, 8000, 5000))
+    monkeypatch.setattr(looking, "tile_counts", lambda shown: (0, 8000, 5000))
     view = Viewpoint(toy.camera_at((1, -2.2, 1.8), (1, 1, 0.4), 240))
     return scene, part, interpretation.MarkInterpreter(scene, Marks((), (0.0, 0.0, 1.0))), Click(120, 120, view)
 

@@ -27,7 +27,7 @@ from playwright.sync_api import sync_playwright
 import gaussian_trimmer as gt
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.cli import main as run
-from gaussian_trimmer.finding.plan import draw_plan
+from gaussian_trimmer.finding.saving import draw_plan
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.output.pictures import Picture, as_picture, captioned, draw_gaussians
 from gaussian_trimmer.rendering import render

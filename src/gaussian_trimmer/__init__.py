@@ -21,8 +21,8 @@ if TYPE_CHECKING:  # `typing` takes longer to import than all that is imported h
     from gaussian_trimmer.camera_files import cameras_from_arrays
     from gaussian_trimmer.camera_files import read_camera_set as read_cameras
     from gaussian_trimmer.errors import InputError
-    from gaussian_trimmer.finding.editing import chosen_objects
     from gaussian_trimmer.finding.find import find_objects
+    from gaussian_trimmer.finding.found import chosen_objects
     from gaussian_trimmer.formats import read, write
     from gaussian_trimmer.gaussians import Gaussians
     from gaussian_trimmer.output.report import describe
@@ -64,7 +64,7 @@ _LATE = {
     "TrimConfig": "gaussian_trimmer.trimming.config:TrimConfig",
     "TrimResult": "gaussian_trimmer.trimming.result:TrimResult",
     "cameras_from_arrays": "gaussian_trimmer.camera_files:cameras_from_arrays",
-    "chosen_objects": "gaussian_trimmer.finding.editing:chosen_objects",
+    "chosen_objects": "gaussian_trimmer.finding.found:chosen_objects",
     "describe": "gaussian_trimmer.output.report:describe",
     "find_objects": "gaussian_trimmer.finding.find:find_objects",
     "marks": "gaussian_trimmer.selecting.marks",

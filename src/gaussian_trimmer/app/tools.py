@@ -21,8 +21,7 @@ from gaussian_trimmer.gaussians import Gaussians, mask_of_rows
 from gaussian_trimmer.rendering import top_contributors
 from gaussian_trimmer.selecting.clicks import NothingFoundError
 from gaussian_trimmer.selecting.marks import Box, Click, Effect, Grow, Mark, Rows, Shrink, Stroke
-from gaussian_trimmer.selecting.shapes import in_spacings
-from gaussian_trimmer.selecting.strokes import in_spheres, shows_under, under_stroke
+from gaussian_trimmer.selecting.shapes import in_spacings, in_spheres, shows_under, under_stroke
 from gaussian_trimmer.surface.viewed_scene import CONTRIBUTORS, small_view
 from gaussian_trimmer.views.view import HALF
 

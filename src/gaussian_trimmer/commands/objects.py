@@ -17,9 +17,8 @@ from gaussian_trimmer.commands.console import in_lengths, print_up, progress_ove
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words, reading_words
 from gaussian_trimmer.commands.trim_run import ResultOptions, SelectedScene, TrimRun
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.finding.editing import chosen_objects
 from gaussian_trimmer.finding.find import find_objects
-from gaussian_trimmer.finding.found import FoundObjects
+from gaussian_trimmer.finding.found import FoundObjects, chosen_objects
 from gaussian_trimmer.finding.judging import FindConfig
 from gaussian_trimmer.finding.saving import FOUND_FILES, write_found
 from gaussian_trimmer.io.manifest import is_made_of

@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from gaussian_trimmer.finding.found import SURE, Verdict
+from gaussian_trimmer.finding.found import SURE, FoundObject
 from gaussian_trimmer.finding.judging import DOUBTFUL
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, IntArray
 
@@ -40,17 +40,19 @@ class Candidate:
 
     rows: IntArray
     """Its Gaussians in the scene, (C,), ascending."""
-    verdict: Verdict
+    thing: FoundObject
     cut_off: bool
     """Its upper end was cut off with the ceiling."""
-    reaches_ceiling: bool
+    reaches_ceiling: bool = False
     """What was cut off goes on up to the ceiling, as a wall does."""
 
 
-def agree(candidates: Sequence[Candidate], size: int, up: Float64Array, *, parts: bool = False) -> list[Candidate]:
+def choose_objects(
+    candidates: Sequence[Candidate], size: int, up: Float64Array, *, parts: bool = False
+) -> list[Candidate]:
     """Choose objects that do not overlap among the candidates of all tiles, most agreed on first, groups of them last.
 
-    Each is a candidate with those of its rows that no better one has, and the verdict that the agreement leaves.
+    Each is a candidate with those of its rows that no better one has, and what the agreement leaves of its confidence.
 
     Args:
         candidates: from all tiles, each whole within its tile.
@@ -63,12 +65,12 @@ def agree(candidates: Sequence[Candidate], size: int, up: Float64Array, *, parts
     common = _common(candidates, size)
     alike = _alike(common)
     counts = np.asarray(alike.sum(axis=1)).ravel().tolist()
-    confidence = np.array([candidate.verdict.confidence for candidate in candidates])
+    confidence = np.array([candidate.thing.confidence for candidate in candidates])
     shared = [float(np.median(confidence[row.indices])) for row in alike]
     agreed = [_agreed(*one) for one in zip(candidates, (one.rows for one in candidates), counts, shared, strict=True)]
-    heights = np.array([one.verdict.size[2] for one in candidates])
-    feet = np.array([one.verdict.centre @ up for one in candidates]) - heights / 2
-    sure = np.array([one.verdict.sure for one in agreed])
+    heights = np.array([one.thing.size[2] for one in candidates])
+    feet = np.array([one.thing.centre @ up for one in candidates]) - heights / 2
+    sure = np.array([one.thing.sure for one in agreed])
     groups, wholes, is_part = _groups_wholes_and_parts(common, sure, feet, heights)
     taken, found = np.zeros(size, np.bool_), []
     for place in np.lexsort((-common.diagonal(), -np.array(counts), wholes & parts, groups)).tolist():
@@ -112,9 +114,9 @@ def _agreed(candidate: Candidate, rows: IntArray, count: int, confidence: float)
     if len(rows) < _MIN_GAUSSIANS:
         doubts.append("small")
     confidence = min(confidence, DOUBTFUL) if doubts else confidence
-    said = tuple(dict.fromkeys([*candidate.verdict.doubts, *doubts])) or ("most tiles doubt it",)
-    verdict = replace(candidate.verdict, confidence=confidence, doubts=() if confidence >= SURE else said)
-    return replace(candidate, rows=rows, verdict=verdict)
+    said = tuple(dict.fromkeys([*candidate.thing.doubts, *doubts])) or ("most tiles doubt it",)
+    thing = replace(candidate.thing, confidence=confidence, doubts=() if confidence >= SURE else said)
+    return replace(candidate, rows=rows, thing=thing)
 
 
 def _common(candidates: Sequence[Candidate], size: int) -> csr_matrix:

@@ -1,16 +1,17 @@
-"""What finding the objects of a scene returns."""
+"""What finding the objects of a scene returns, and which of them are wanted."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Viewpoint
+from gaussian_trimmer.cameras import Point, Viewpoint
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
-from gaussian_trimmer.surface.visible_surface import VisibleSurface
+from gaussian_trimmer.surface.regions import split_region
+from gaussian_trimmer.surface.visible_surface import VisibleSurface, find_visible_surface, views_of, with_hidden
 from gaussian_trimmer.trimming.up_vector import UpVector
 
 SURE = 0.5
@@ -18,8 +19,8 @@ SURE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
-    """What is thought of one region of the visible surface, or of a surface of the room."""
+class FoundObject:
+    """One object, or one surface of the room."""
 
     region: int | None
     """Number of the region; None for a surface of the room."""
@@ -39,6 +40,12 @@ class Verdict:
     """What it rests on, in words; empty if nothing was found."""
     doubts: tuple[str, ...]
     """Why it may be no object; there are some if and only if it is unsure."""
+    id: int = 0
+    """Its number among the labels, from 1; 0 while it is a candidate."""
+    gaussians: int = 0
+    """Number of its Gaussians."""
+    colour: Point = (0.0, 0.0, 0.0)
+    """Its mean colour, 0 to 1."""
 
     @property
     def sure(self) -> bool:
@@ -49,18 +56,6 @@ class Verdict:
     def why(self) -> str:
         """What it rests on and, if it is unsure, why."""
         return ", ".join(text for text in (self.rests_on, *self.doubts) if text)
-
-
-@dataclass(frozen=True, eq=False)
-class FoundObject(Verdict):
-    """One object, or one surface of the room."""
-
-    id: int
-    """Its number among the labels, from 1."""
-    colour: Float64Array
-    """Its mean colour, 0 to 1, (3,)."""
-    gaussians: int
-    """Number of its Gaussians."""
 
     @property
     def kind(self) -> str:
@@ -113,3 +108,63 @@ class FoundObjects:
             unsure: with the objects that the program is not sure of.
         """
         return {found.id: self.mask(found.id) for found in self.objects if found.sure or unsure}
+
+
+def chosen_objects(
+    found: FoundObjects,
+    *,
+    keep: Sequence[int] | None = None,
+    merge: Iterable[Sequence[int]] = (),
+    split: Iterable[int] = (),
+    names: Mapping[int, str] | None = None,
+) -> dict[str, BoolArray]:
+    """Return rough selections (N,) of the objects that are wanted, by their names, as `trim_objects` takes them.
+
+    Args:
+        found: the objects.
+        keep: numbers of those that are wanted; without it, the sure ones.
+        merge: numbers of objects that are one.
+        split: numbers of objects that are several; each falls apart into its main parts, named 3a, 3b and so on.
+        names: what to call objects; else by their numbers.
+
+    Raises:
+        InputError: a number is none of an object, or two objects have the same name, or none is left.
+    """
+    names = names or {}
+    kept = list(keep) if keep is not None else [one.id for one in found if one.sure and one.kind == "object"]
+    masks = {number: found.mask(number) for number in kept}
+    for group in merge:
+        together = np.any([found.mask(number) for number in group], axis=0)
+        first = next((number for number in group if number in masks), group[0])
+        for number in group:
+            masks.pop(number, None)
+        masks[first] = together
+    selections: dict[str, BoolArray] = {}
+    several = set(split)
+    for number in sorted(masks):
+        name, mask = names.get(number, str(number)), masks[number]
+        parts = _parts(found, mask) if number in several else [mask]
+        if number in several and len(parts) == 1:
+            raise InputError(f"Object {number} does not fall apart; select its parts by clicks or boxes: select SCENE.")
+        for place, part in enumerate(parts):
+            key = name + (chr(ord("a") + place) if len(parts) > 1 else "")
+            if key in selections:
+                raise InputError(f"Two objects are called '{key}'; give each another name.")
+            selections[key] = part
+    if not selections:
+        raise InputError("No object is left; name those to keep, as in --keep 1 or keep=[1].")
+    return selections
+
+
+def _parts(found: FoundObjects, mask: BoolArray) -> list[BoolArray]:
+    """Return the main parts of an object, (N,) each; an object of a large capture is looked at by itself for that."""
+    surface, scene, rows = found.surface, found.scene, np.arange(len(mask))
+    if surface is None:
+        rows = np.flatnonzero(mask)
+        scene = found.scene.select(rows)
+        up = found.up.direction
+        surface = find_visible_surface(scene, views_of(scene, None, up), up)
+    numbers: IntArray = split_region(surface, mask[rows[surface.rows]])
+    labels = np.zeros(len(mask), np.int64)
+    labels[rows] = with_hidden(surface, numbers + 1, np.inf, np.arange(len(scene)))
+    return [mask & (labels == number) for number in range(1, int(numbers.max()) + 2)]

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from gaussian_trimmer.finding.found import Verdict
+from gaussian_trimmer.finding.found import FoundObject
 from gaussian_trimmer.gaussians import BoolArray, IntArray
 from gaussian_trimmer.settings import Range, Share
 from gaussian_trimmer.surface.regions import FILLED, MIN_AREA
@@ -46,7 +46,31 @@ class FindConfig:
     """Also name the surfaces of the room: table tops, floors and walls; not in captures that are looked at in tiles."""
 
 
-def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindConfig) -> list[Verdict]:
+def name_objects(
+    surface: VisibleSurface, room: Room, regions: IntArray, config: FindConfig
+) -> tuple[list[FoundObject], IntArray]:
+    """Choose the objects among the regions; return them and the number of that of each Gaussian, from 1, 0: none, (S,).
+
+    Args:
+        surface: what shows of the scene, S Gaussians.
+        room: its flat surfaces.
+        regions: as `find_regions` gives them, (S,).
+        config: what counts as an object.
+    """
+    found = objects_among(surface, room, regions, config)
+    numbers = np.zeros(len(surface.rows), np.int64)
+    for number, thing in enumerate(found, 1):
+        numbers[regions == thing.region] = number
+    if config.surfaces:
+        for one in room.surfaces:
+            rows = one.own & (regions < 0) & (numbers == 0)
+            if rows.any():
+                found.append(surface_as_object(surface, one, rows))
+                numbers[rows] = len(found)
+    return found, numbers
+
+
+def objects_among(surface: VisibleSurface, room: Room, regions: IntArray, config: FindConfig) -> list[FoundObject]:
     """Return the regions that are objects, the sure ones first, then those that show most.
 
     Args:
@@ -87,11 +111,11 @@ def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindCo
         if not rests_on:
             confidence, doubts = min(confidence, DOUBTFUL), ["no surface was found under it", *doubts]
         view, box, said = int(np.argmax(by_view[number])), surface.box_in_scene(low, high), tuple(doubts)
-        found.append(Verdict(number, float(shown[number]), seen[number], view, *box, confidence, rests_on, said))
-    return sorted(found, key=lambda verdict: (not verdict.sure, -verdict.shown))
+        found.append(FoundObject(number, float(shown[number]), seen[number], view, *box, confidence, rests_on, said))
+    return sorted(found, key=lambda one: (not one.sure, -one.shown))
 
 
-def judge_surface(surface: VisibleSurface, one: RoomSurface, rows: BoolArray) -> Verdict:
+def surface_as_object(surface: VisibleSurface, one: RoomSurface, rows: BoolArray) -> FoundObject:
     """Return what is said of a surface of the room.
 
     Args:
@@ -102,7 +126,7 @@ def judge_surface(surface: VisibleSurface, one: RoomSurface, rows: BoolArray) ->
     shown = float(by_view.sum()) / max(float(surface.shown.sum()), 1e-12)
     box = surface.box_in_scene(surface.points[rows].min(axis=0), surface.points[rows].max(axis=0))
     what = "a table top, floor or shelf" if one.horizontal else "a wall"
-    return Verdict(None, shown, seen_share(by_view), int(np.argmax(by_view)), *box, 1.0, what, ())
+    return FoundObject(None, shown, seen_share(by_view), int(np.argmax(by_view)), *box, 1.0, what, ())
 
 
 def _rests_on(surface: VisibleSurface, room: Room, rows: IntArray) -> str:

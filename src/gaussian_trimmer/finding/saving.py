@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import colorsys
 import csv
 import io
 import shlex
@@ -9,16 +10,19 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from gaussian_trimmer._version import __version__
+from gaussian_trimmer.cameras import Camera, look_at, up_frame
 from gaussian_trimmer.finding.found import FoundObject, FoundObjects
-from gaussian_trimmer.finding.plan import draw_plan
+from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.io.writing import save_array, write_json, write_whole
 from gaussian_trimmer.output.pages import asset, document, json_block, text
-from gaussian_trimmer.output.pictures import Picture, as_picture, write_picture
+from gaussian_trimmer.output.pictures import Picture, as_picture, draw_number, write_picture
 from gaussian_trimmer.rendering import blend_values, render
 from gaussian_trimmer.surface.overview import drawn_rows
+from gaussian_trimmer.views.camera_rings import NEAR_RADII
 
 FOUND_FILES = ("objects.npy", "objects.csv", "objects.json", "object_[0-9]*.png", "plan.png", "index.html", "batch.csv")
 """Patterns of the names of the files; the command adds the last one."""
@@ -35,6 +39,17 @@ _MARGIN = 0.25
 _DIMMED = 0.35
 """Brightness of what is not the object."""
 _MOST_PICTURES = 100
+_LONGER_PIXELS = 1400
+_FONT_SCALE, _SMALL_FONT_SCALE, _MANY = 0.6, 0.3, 100
+"""Size of the numbers, and that of so many or more."""
+_DISTANCE = 4.0
+"""Distance of the camera, relative to the longer side of the plan: far enough that little of any side shows."""
+_PLAN_MARGIN = 0.05
+"""Border around the outermost objects, relative to the longer side."""
+_PLAN_DIMMED, _TINT = 0.7, 0.45
+"""Brightness of what is not an object, and share of an object's colour on the plan that is not its own."""
+_TURN = 0.618034
+"""Of the colour circle, from one object to the next: colours of neighbours in the list are far apart."""
 
 
 def write_found(
@@ -106,6 +121,43 @@ def draw_found(found: FoundObjects, one: FoundObject) -> Picture:
     camera = view.camera.part(x - half, y - half, x + half, y + half).resized(_CELL_PIXELS / (2 * half))
     share = np.clip(blend_values(scene, camera, mine.astype(np.float32)[:, None]), 0, 1)
     return as_picture(render(scene, camera).rgb * (_DIMMED + (1 - _DIMMED) * share))
+
+
+def draw_plan(found: FoundObjects) -> Picture:
+    """Return the scene from above, without what was not looked at, with the objects and their numbers.
+
+    The sure objects are in colour; if there are none, all are.
+    """
+    shown = [one for one in found if one.sure] or list(found)
+    camera = _camera_above(found, np.array([one.centre for one in shown]), np.array([one.size for one in shown]))
+    scene, labels = found.scene.select(found.looked_at), found.labels[found.looked_at]
+    tints = np.zeros((len(found) + 1, 4), np.float32)
+    for one in shown:
+        tints[one.id] = *colorsys.hsv_to_rgb(_TURN * one.id % 1, 0.9, 1), 1
+    blended = blend_values(scene, camera, tints[labels])
+    share = np.clip(blended[..., 3:], 0, 1)
+    rgb = render(scene, camera).rgb * (_PLAN_DIMMED + (1 - _PLAN_DIMMED - _TINT) * share) + _TINT * blended[..., :3]
+    picture = np.ascontiguousarray(as_picture(rgb))
+    scale = _FONT_SCALE if len(shown) < _MANY else _SMALL_FONT_SCALE
+    for one, (x, y) in zip(shown, camera.project(np.array([one.centre for one in shown]))[0], strict=True):
+        (width, height), _ = cv2.getTextSize(str(one.id), cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
+        draw_number(picture, one.id, (round(x) - width // 2, round(y) + height // 2), scale)
+    return picture
+
+
+def _camera_above(found: FoundObjects, centres: Float64Array, sizes: Float64Array) -> Camera:
+    """Return a camera that looks down on boxes, by their middles and sizes along the axes of the frame, (O, 3) each."""
+    axes = up_frame(found.up.direction)
+    local = centres @ axes.T
+    low, high = (local - sizes / 2).min(axis=0), (local + sizes / 2).max(axis=0)
+    sides = (high - low)[:2] + 2 * _PLAN_MARGIN * float((high - low)[:2].max())
+    longer, upwards = float(sides.max()), int(sides[1] <= sides[0])  # the picture is wide
+    width, height = _LONGER_PIXELS, max(1, round(_LONGER_PIXELS * float(sides.min()) / longer))
+    middle = np.array([*(low + high)[:2] / 2, high[2]]) @ axes
+    focal = _DISTANCE * _LONGER_PIXELS
+    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+    pose = look_at(middle + _DISTANCE * longer * axes[2], middle, axes[upwards])
+    return Camera(pose, K, width, height, near=NEAR_RADII * longer)
 
 
 def page(found: FoundObjects, command: Sequence[str], names: Mapping[int, str]) -> str:

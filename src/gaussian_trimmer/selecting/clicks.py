@@ -7,8 +7,7 @@ The Gaussians that show at the pixel give its position in the scene. An object t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -56,39 +55,29 @@ _REGION_SHARE = 0.15
 """Radius that is expected of the region around a click, relative to the picture's height."""
 
 
-@dataclass(frozen=True, eq=False)
-class Pick:
-    """The selection that a click or a box stands for."""
-
-    selection: BoolArray
-    """The selection, (N,)."""
-    kind: Literal["piece", "part", "alone", "around", "colour"]
-    """Whether it is a `piece` that stands on a plane, a `part` that stands on nothing, seen `alone`, the region
-    `around` a click, or what has a `colour` like there."""
-
-
 class NothingFoundError(InputError):
     """Something is seen at a mark, and nothing of it can be told from the rest."""
 
 
-def select_by_click(scene: ViewedScene, x: int, y: int) -> Pick:
-    """Select the object at a pixel that stands on a plane, or has nothing beside it in a capture without a floor.
+def select_by_click(scene: ViewedScene, x: int, y: int) -> tuple[BoolArray, str]:
+    """Select the object at a pixel that stands on a plane, has nothing beside it, or else the region around it, (N,).
+
+    The second value says which: it is a `piece`, is seen `alone`, or lies `around` the pixel.
 
     Raises:
-        InputError: the pixel is outside the picture, nothing is seen there, or (`NothingFoundError`) what is seen
-            there is no such object.
+        InputError: the pixel is outside the picture, or nothing is seen there.
     """
     check_pixel(scene.camera, x, y)
     small = scene.small()
     target = look_at_pixel(small, *_rescaled((x, y), scene.camera, small.camera))
     if pieces := _pieces_at(small, target, _visible_around(small, target)):
-        return Pick(pieces[0], "piece")
-    if (alone := seen_alone(small, target)) is None:
-        raise NothingFoundError(f"Nothing at the pixel ({x}, {y}) stands on a surface, or is seen alone.")
-    return Pick(alone, "alone")
+        return pieces[0], "piece"
+    if (alone := seen_alone(small, target)) is not None:
+        return alone, "alone"
+    return select_around_click(scene, x, y), "around"
 
 
-def select_around_click(scene: ViewedScene, x: int, y: int) -> Pick:
+def select_around_click(scene: ViewedScene, x: int, y: int) -> BoolArray:
     """Return the region around a pixel: what a click means where nothing stands.
 
     Raises as `select_by_click` where nothing is seen.
@@ -96,10 +85,10 @@ def select_around_click(scene: ViewedScene, x: int, y: int) -> Pick:
     small, nothing = scene.small(), np.zeros(len(scene.gaussians), np.bool_)
     target = look_at_pixel(small, *_rescaled((x, y), scene.camera, small.camera))
     radius = _REGION_SHARE * small.camera.height * target.depth / float(small.camera.K[1, 1])
-    return Pick(correct_at_click(small, nothing, Seed(target.point, radius, True), ()), "around")
+    return correct_at_click(small, nothing, Seed(target.point, radius, True), ())
 
 
-def select_by_colour(scene: ViewedScene, x: int, y: int, tolerance: float) -> Pick:
+def select_by_colour(scene: ViewedScene, x: int, y: int, tolerance: float) -> BoolArray:
     """Return what goes on from a pixel in colours that differ by no more than a tolerance, 0 to 1, in any channel.
 
     Raises as `select_by_click` where nothing is seen.
@@ -110,7 +99,7 @@ def select_by_colour(scene: ViewedScene, x: int, y: int, tolerance: float) -> Pi
     gap = _COLOUR_GAP_PIXELS * target.depth / float(scene.camera.K[1, 1])
     pieces = connected_bodies(scene.gaussians.means[rows, None].astype(np.float64), gap)
     within = np.isin(pieces, pieces[target.seeds[rows] > 0])
-    return Pick(mask_of_rows(rows[within], len(scene.gaussians)), "colour")
+    return mask_of_rows(rows[within], len(scene.gaussians))
 
 
 def seen_alone(scene: ViewedScene, target: Target) -> BoolArray | None:
@@ -136,8 +125,10 @@ def _seen_alone(scene: ViewedScene, x: int, y: int) -> BoolArray | None:
     return alone
 
 
-def select_by_box(scene: ViewedScene, box: Box) -> Pick:
-    """Return the object or part that fills a box (x0, y0, x1, y1) of a view best; x1 and y1 are exclusive.
+def select_by_box(scene: ViewedScene, box: Box) -> tuple[BoolArray, str]:
+    """Return the object or part that fills a box (x0, y0, x1, y1) of a view best, (N,); x1 and y1 are exclusive.
+
+    The second value says whether it is a `piece` that stands on a plane, or a `part` that stands on nothing.
 
     The box is clipped to the picture; on sides where it reaches the picture's edge, the object may go on beyond it.
 
@@ -153,17 +144,17 @@ def select_by_box(scene: ViewedScene, box: Box) -> Pick:
         if fit > overlap:
             overlap, piece = fit, standing
         if overlap >= _GOOD_BOX_OVERLAP:
-            return Pick(standing, "piece")
+            return standing, "piece"
     segment, fit = segment_in_box(small, box)
     if fit >= max(overlap, _MIN_BOX_OVERLAP):
-        return Pick(segment, "part")
+        return segment, "part"
     if piece is not None and overlap >= _MIN_BOX_OVERLAP:
-        return Pick(piece, "piece")
+        return piece, "piece"
     if not (render(small.gaussians, small.camera).alpha[box_slices(box)] > HALF).any():
         raise InputError("Nothing is seen in the box; choose another one or another view.")
     raise NothingFoundError(
         "The contents of the box cannot be separated from their surroundings. Draw the box close around what you mean, "
-        "take another view, or let a model find it (--segmenter sam)."
+        "take another view."
     )
 
 

@@ -16,8 +16,7 @@ from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArra
 from gaussian_trimmer.geometry.distances import distance_to_outside
 from gaussian_trimmer.selecting.marks import Effect
 from gaussian_trimmer.selecting.selection import Seed
-from gaussian_trimmer.surface.surface_cut import SurfaceCut
-from gaussian_trimmer.surface.surface_graph import SurfaceGraph, build_surface_graph
+from gaussian_trimmer.surface.surface_graph import SurfaceCut, SurfaceGraph, build_surface_graph
 from gaussian_trimmer.surface.viewed_scene import ViewedScene
 
 _COSTS = np.geomspace(0.05, 25.0, 14)

@@ -17,8 +17,6 @@ from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, mask_of_r
 from gaussian_trimmer.geometry.storey import find_storey
 from gaussian_trimmer.masks.mask_files import cameras_with_masks, mask_of
 from gaussian_trimmer.selecting.clicks import (
-    NothingFoundError,
-    Pick,
     pieces_at_click,
     seen_alone,
     select_around_click,
@@ -43,10 +41,8 @@ from gaussian_trimmer.selecting.marks import (
     Sphere,
     View,
 )
-from gaussian_trimmer.selecting.model_masks import PromptableModel, select_by_model
 from gaussian_trimmer.selecting.selection import Seed, Selection
-from gaussian_trimmer.selecting.shapes import grown, inside_shape, shrunk
-from gaussian_trimmer.selecting.strokes import drawn_over
+from gaussian_trimmer.selecting.shapes import drawn_over, grown, inside_shape, shrunk
 from gaussian_trimmer.selection_files import load_selection
 from gaussian_trimmer.surface.overview import drawn_part
 from gaussian_trimmer.surface.viewed_scene import Target, ViewedScene, look_at_pixel
@@ -54,7 +50,7 @@ from gaussian_trimmer.trimming.stroke_cuts import StrokeCut
 from gaussian_trimmer.views.view import HALF
 
 if TYPE_CHECKING:
-    from gaussian_trimmer.finding.at_point import ThingsAtPoints
+    from gaussian_trimmer.finding.looking import ThingsAtPoints
 
 _BOX_TAKES_ALL = 0.9
 """A box that would remove more than this share of the selection means only what is selected within its sides."""
@@ -80,7 +76,6 @@ class MarkInterpreter:
         marks: Marks,
         *,
         cameras: CameraSet | None = None,
-        model: PromptableModel | None = None,
     ) -> None:
         """Take the up vector, and the places of the photographs, from a list of resolved marks.
 
@@ -88,13 +83,12 @@ class MarkInterpreter:
             scene: all N Gaussians.
             marks: resolved marks; which ones they are does not matter here.
             cameras: the cameras of the pictures that masks belong to.
-            model: as for `select`.
         """
-        self._scene, self._up, self._cameras, self._model = scene, np.array(marks.up), cameras, model
+        self._scene, self._up, self._cameras = scene, np.array(marks.up), cameras
         self._seen_from = tuple(_camera_at(place) for place in marks.photographed_from)
         self._things: ThingsAtPoints | None = None
         if len(scene) > LARGEST_LOOK or find_storey(scene, self._up).is_room:
-            from gaussian_trimmer.finding.at_point import ThingsAtPoints  # takes a second to import
+            from gaussian_trimmer.finding.looking import ThingsAtPoints  # takes a second to import
 
             self._things = ThingsAtPoints(scene, self._up)
 
@@ -153,87 +147,60 @@ class MarkInterpreter:
 
     def _click(self, state: Selection, mark: Click) -> tuple[Selection, str]:
         view, rows = self._viewed(mark.view)
-        sizes, before = state.other_sizes, state.before_click
-        state = replace(state, other_sizes=(), before_click=None)
+        before, state = state, replace(state, other_sizes=(), before_click=None)
         if mark.tolerance:
-            return self._picked(state, select_by_colour(view, mark.x, mark.y, mark.tolerance), rows, mark.effect)
+            return _combined(state, select_by_colour(view, mark.x, mark.y, mark.tolerance), rows, mark.effect, "colour")
         first = not state.mask.any() or mark.effect == "intersect"
-        if self._things is not None and not (first and self._model):
-            target = look_at_pixel(view, mark.x, mark.y)
-            seen = np.zeros(len(state.mask), np.float32)
-            seen[rows] = target.seeds
-            if before and sizes and mark.effect == "add" and 2 * seen[state.mask].sum() > seen.sum():
-                return _sized(before, sizes, mark.effect), INTERPRETATIONS["size"]
-            things = self._things.at(target.point, seen)
-            if things and (first or is_meant_whole(mask_of_rows(things[0], len(seen)), state.mask, mark.effect)):
-                return _sized(state, things, mark.effect), INTERPRETATIONS["piece"]
-            if first:
-                return self._near(state, view, rows, mark, target)
-        if first:
-            pick = self._interpreted(view, (mark.x, mark.y))
-            if pick.kind == "alone" and len(rows) < len(state.mask):  # what is not drawn may be a part of it
-                view, rows = replace(view, gaussians=self._scene), np.arange(len(state.mask))
-                pick = self._interpreted(view, (mark.x, mark.y))
-            return self._picked(state, pick, rows, mark.effect)
-        mask, target = state.mask[rows], look_at_pixel(view, mark.x, mark.y)
-        for piece in pieces_at_click(view, target)[:1]:
-            if is_meant_whole(piece, mask, mark.effect):
-                return self._picked(state, Pick(piece, "piece"), rows, mark.effect)
-        small, adds = view.small(), mark.effect == "add"
-        x, y = mark.x * small.camera.width // view.camera.width, mark.y * small.camera.height // view.camera.height
-        shown = np.asarray(small.coverage(mask) > HALF)
-        if shown[y, x] == adds:
-            alone = seen_alone(small, look_at_pixel(small, x, y)) if adds and len(state.interpretations) == 1 else None
-            if alone is not None and alone[~mask].any() and alone[mask].mean() > HALF:
-                return self._picked(state, Pick(alone, "alone"), rows, mark.effect)
-            raise InputError(
-                f"That is {'selected already' if adds else 'not selected'}; click where something is wrong."
-            )
-        seed = Seed(target.point, expected_radius(shown, x, y, target.depth, small.camera), adds)
-        after = state.mask.copy()
-        after[rows] = correct_at_click(small, mask, seed, state.seeds)
-        state = replace(state, seeds=(*state.seeds, seed))
-        return state.combined(after != state.mask, mark.effect), INTERPRETATIONS["region"]
+        if self._things is None:
+            return self._first_click(state, view, rows, mark) if first else _correction(state, view, rows, mark)
+        target = look_at_pixel(view, mark.x, mark.y)
+        found = self._thing_at(before, state, target, rows, mark.effect, first)
+        if found is None:
+            return _near(state, view, rows, mark, target) if first else _correction(state, view, rows, mark)
+        return found
 
-    def _near(
-        self, state: Selection, view: ViewedScene, rows: IntArray, mark: Click, target: Target
-    ) -> tuple[Selection, str]:
-        """Select what a click in a large capture means where no thing was found, by its surroundings alone."""
-        distances = np.linalg.norm(view.gaussians.means - target.point.astype(np.float32), axis=1)
-        near = np.flatnonzero(distances < target.depth / 2)
-        around = replace(view, gaussians=view.gaussians.select(near))
-        if pieces := pieces_at_click(around, look_at_pixel(around, mark.x, mark.y)):
-            return self._picked(state, Pick(pieces[0], "piece"), rows[near], mark.effect)
-        if (alone := seen_alone(view.small(), target)) is not None:
-            return self._picked(state, Pick(alone, "alone"), rows, mark.effect)
-        return self._picked(state, select_around_click(around, mark.x, mark.y), rows[near], mark.effect)
+    def _thing_at(
+        self, before: Selection, state: Selection, target: Target, rows: IntArray, effect: Effect, first: bool
+    ) -> tuple[Selection, str] | None:
+        """Select the thing that the finder sees at a point of a large capture, or its next size; None without one.
+
+        Args:
+            before: what was selected before the click.
+            state: the same, without other sizes.
+            target: the point, and what shows there.
+            rows: of the scene, of what is drawn.
+            effect: of the click.
+            first: nothing of the thing is selected yet.
+        """
+        assert self._things is not None, "large captures have them"
+        seen = np.zeros(len(state.mask), np.float32)
+        seen[rows] = target.seeds
+        if before.other_sizes and effect == "add" and 2 * seen[state.mask].sum() > seen.sum():
+            assert before.before_click is not None, "it has other sizes"
+            return _sized(before.before_click, before.other_sizes, effect), INTERPRETATIONS["size"]
+        things = self._things.at(target.point, seen)
+        if things and (first or is_meant_whole(mask_of_rows(things[0], len(seen)), state.mask, effect)):
+            return _sized(state, things, effect), INTERPRETATIONS["piece"]
+        return None
+
+    def _first_click(self, state: Selection, view: ViewedScene, rows: IntArray, mark: Click) -> tuple[Selection, str]:
+        """Select the object at a pixel, or the region around it where nothing stands."""
+        found, how = select_by_click(view, mark.x, mark.y)
+        if how == "alone" and len(rows) < len(state.mask):  # what is not drawn may be a part of it
+            view, rows = replace(view, gaussians=self._scene), np.arange(len(state.mask))
+            found, how = select_by_click(view, mark.x, mark.y)
+        return _combined(state, found, rows, mark.effect, how)
 
     def _box(self, state: Selection, mark: Box) -> tuple[Selection, str]:
         view, rows = self._viewed(mark.view)
         box = mark.x0, mark.y0, mark.x1, mark.y1
-        pick = self._interpreted(view, box)
-        taken = np.count_nonzero(pick.selection & state.mask[rows])
+        found, how = select_by_box(view, box)
+        taken = np.count_nonzero(found & state.mask[rows])
         if mark.effect != "remove" or taken <= _BOX_TAKES_ALL * np.count_nonzero(state.mask):
-            return self._picked(state, pick, rows, mark.effect)
+            return _combined(state, found, rows, mark.effect, how)
         pixels, depths = view.camera.project(self._scene.means.astype(np.float64))
         within = (depths > 0) & (pixels >= box[:2]).all(axis=1) & (pixels < box[2:]).all(axis=1)
         return state.combined(np.asarray(within) & state.mask, mark.effect), INTERPRETATIONS["frame"]
-
-    def _interpreted(self, view: ViewedScene, mark: tuple[int, int] | tuple[int, int, int, int]) -> Pick:
-        """Return what a pixel, or a box, means in a view."""
-        if self._model is not None:
-            return select_by_model(view, mark, self._model)
-        if len(mark) == 4:
-            return select_by_box(view, mark)
-        try:
-            return select_by_click(view, *mark)
-        except NothingFoundError:
-            return select_around_click(view, *mark)
-
-    def _picked(self, state: Selection, pick: Pick, rows: IntArray, effect: Effect) -> tuple[Selection, str]:
-        """Return the state with what was found among some rows of the scene."""
-        found = mask_of_rows(rows[pick.selection], len(state.mask))
-        return state.combined(found, effect), INTERPRETATIONS[pick.kind]
 
     def _viewed(self, view: View) -> tuple[ViewedScene, IntArray]:
         """Return what is drawn in a view, and its rows in the scene."""
@@ -255,7 +222,6 @@ def apply_marks(
     marks: Marks,
     *,
     cameras: CameraSet | None,
-    model: PromptableModel | None,
 ) -> Selection:
     """Return what resolved marks select together.
 
@@ -271,7 +237,7 @@ def apply_marks(
         )
     if cameras is None and marks.cameras is not None and any(isinstance(mark, FromMasks) for mark in marks.marks):
         cameras = read_camera_set(marks.cameras)
-    interpreter = MarkInterpreter(scene, marks, cameras=cameras, model=model)
+    interpreter = MarkInterpreter(scene, marks, cameras=cameras)
     state = Selection.nothing(len(scene))
     for mark in marks.marks:
         state = interpreter.apply(state, mark)
@@ -280,6 +246,48 @@ def apply_marks(
             "No Gaussian is selected after the last mark; check that the cameras, masks and views belong to this scene."
         )
     return replace(state, marks=marks)
+
+
+def _near(state: Selection, view: ViewedScene, rows: IntArray, mark: Click, target: Target) -> tuple[Selection, str]:
+    """Select what a click in a large capture means where no thing was found, by its surroundings alone."""
+    distances = np.linalg.norm(view.gaussians.means - target.point.astype(np.float32), axis=1)
+    near = np.flatnonzero(distances < target.depth / 2)
+    around = replace(view, gaussians=view.gaussians.select(near))
+    if pieces := pieces_at_click(around, look_at_pixel(around, mark.x, mark.y)):
+        return _combined(state, pieces[0], rows[near], mark.effect, "piece")
+    if (alone := seen_alone(view.small(), target)) is not None:
+        return _combined(state, alone, rows, mark.effect, "alone")
+    return _combined(state, select_around_click(around, mark.x, mark.y), rows[near], mark.effect, "around")
+
+
+def _correction(state: Selection, view: ViewedScene, rows: IntArray, mark: Click) -> tuple[Selection, str]:
+    """Add or remove a whole thing, or else move the boundary of the selection around a pixel.
+
+    Raises:
+        InputError: the pixel is on the right side of the boundary already.
+    """
+    mask, target, adds = state.mask[rows], look_at_pixel(view, mark.x, mark.y), mark.effect == "add"
+    for piece in pieces_at_click(view, target)[:1]:
+        if is_meant_whole(piece, mask, mark.effect):
+            return _combined(state, piece, rows, mark.effect, "piece")
+    small = view.small()
+    x, y = mark.x * small.camera.width // view.camera.width, mark.y * small.camera.height // view.camera.height
+    shown = np.asarray(small.coverage(mask) > HALF)
+    if shown[y, x] == adds:
+        alone = seen_alone(small, look_at_pixel(small, x, y)) if adds and len(state.interpretations) == 1 else None
+        if alone is not None and alone[~mask].any() and alone[mask].mean() > HALF:
+            return _combined(state, alone, rows, mark.effect, "alone")
+        raise InputError(f"That is {'selected already' if adds else 'not selected'}; click where something is wrong.")
+    seed = Seed(target.point, expected_radius(shown, x, y, target.depth, small.camera), adds)
+    after = state.mask.copy()
+    after[rows] = correct_at_click(small, mask, seed, state.seeds)
+    state = replace(state, seeds=(*state.seeds, seed))
+    return state.combined(after != state.mask, mark.effect), INTERPRETATIONS["region"]
+
+
+def _combined(state: Selection, found: BoolArray, rows: IntArray, effect: Effect, how: str) -> tuple[Selection, str]:
+    """Combine with what was found, (M,), among M rows of the scene; the second value says how it was found."""
+    return state.combined(mask_of_rows(rows[found], len(state.mask)), effect), INTERPRETATIONS[how]
 
 
 def _sized(before: Selection, sizes: Sequence[IntArray], effect: Effect) -> Selection:

@@ -17,8 +17,13 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, mask_of_rows
 from gaussian_trimmer.rendering import blend_values, top_contributors
-from gaussian_trimmer.surface.surface_cut import HIDDEN_UNARY, SurfaceCut
-from gaussian_trimmer.surface.surface_graph import SurfaceGraph, axis_ends, build_surface_graph
+from gaussian_trimmer.surface.surface_graph import (
+    HIDDEN_UNARY,
+    SurfaceCut,
+    SurfaceGraph,
+    axis_ends,
+    build_surface_graph,
+)
 from gaussian_trimmer.surface.viewed_scene import CONTRIBUTORS, ViewedScene, surface_depths
 from gaussian_trimmer.views.view import Box, bounding_box, box_slices
 

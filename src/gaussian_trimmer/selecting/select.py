@@ -16,7 +16,6 @@ from gaussian_trimmer.geometry.limits import check_places
 from gaussian_trimmer.rendering import top_contributors
 from gaussian_trimmer.selecting.interpretation import apply_marks
 from gaussian_trimmer.selecting.marks import Box, Click, Mark, Marks, View, read_marks
-from gaussian_trimmer.selecting.model_masks import PromptableModel
 from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.surface.overview import plan_views
@@ -31,7 +30,6 @@ def select(
     cameras: CameraSet | None = None,
     up: Any = None,
     views: Sequence[Viewpoint] | None = None,
-    model: PromptableModel | None = None,
 ) -> Selection:
     """Select Gaussians by marks: clicks and boxes in views, volumes, files and masks, in order.
 
@@ -41,7 +39,6 @@ def select(
         cameras: the cameras that the scene was trained with, if known. Marks name their views.
         up: the up vector in the scene's coordinates, if known: three numbers, or an axis, "z" or "-y".
         views: the views that marks can name, in place of those of `cameras`, or of planned ones.
-        model: draws masks for boxes, and for first clicks where nothing stands on a surface.
 
     Raises:
         InputError: the coordinates are as large as a map's, a mark is not possible, a view is not known, nothing is
@@ -53,7 +50,7 @@ def select(
         marks = read_marks(marks)
     if not isinstance(marks, Marks):
         marks = resolve_views(scene, marks, cameras=cameras, up=up, views=views)
-    return apply_marks(scene, marks, cameras=cameras, model=model)
+    return apply_marks(scene, marks, cameras=cameras)
 
 
 def resolve_views(
