@@ -20,16 +20,19 @@ import threading
 import time
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from benchmark_scenes import open_scene
 from quality import parser_of
 from rich.console import Console
 from rich.table import Table
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.batch.engines import cores
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import rotation_matrices
 from gaussian_trimmer.io.reading import is_file
 from gaussian_trimmer.output.engines import turned
@@ -76,21 +79,22 @@ def main() -> None:
 def make_manifest(roots: Sequence[Path], kind: str, n: int, folder: Path) -> Path:
     """Write turned copies of scenes, their selections and a manifest of n items; what is there already is kept."""
     folder.mkdir(parents=True, exist_ok=True)
-    rng = np.random.default_rng(0)
-    rows = ["scene,selection,name,up"]
-    copy = 0
-    while len(rows) <= n:
-        root = roots[copy % len(roots)]
+    rng, rows = np.random.default_rng(0), ["scene,selection,name,up"]
+    scenes = [scene for scene in map(open_scene, roots) if any(kind in scene.coarse_kinds(o) for o in scene.objects)]
+    if not scenes:
+        raise InputError(f"No scene has a selection '{kind}'.")
+    for copy in count():
+        scene = scenes[copy % len(scenes)]
         rotation = rotation_matrices(rng.normal(size=(1, 4)).astype(np.float32))[0].astype(np.float64)
-        name = f"{root.name}-{copy:03d}"
+        name = f"{scene.name}-{copy:03d}"
         if not is_file(folder / f"{name}.ply"):
-            formats.write(turned(formats.read(root / "scene.ply").replace(extras={}), rotation), folder / f"{name}.ply")
+            formats.write(turned(scene.gaussians.replace(extras={}), rotation), folder / f"{name}.ply")
         up = " ".join(f"{value:.9f}" for value in rotation @ np.array([0.0, 0.0, 1.0]))
-        for selection in sorted((root / "coarse").glob(f"*/{kind}.npy")):
-            own = f"{root.name}-{selection.parent.name}.npy"
-            shutil.copyfile(selection, folder / own)
-            rows.append(f"{name}.ply,{own},{name}/{selection.parent.name},{up}")
-        copy += 1
+        for thing in (thing for thing in scene.objects if kind in scene.coarse_kinds(thing)):
+            np.save(folder / f"{scene.name}-{thing}.npy", scene.coarse(thing, kind))
+            rows.append(f"{name}.ply,{scene.name}-{thing}.npy,{name}/{thing},{up}")
+        if len(rows) > n:
+            break
     manifest = folder / f"manifest-{n}.csv"
     manifest.write_text("\n".join(rows[: n + 1]) + "\n")
     return manifest

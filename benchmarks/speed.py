@@ -28,8 +28,6 @@ from typing import Any
 import numpy as np
 import waits
 from quality import parser_of
-from rich.console import Console
-from rich.table import Table
 from synthetic_scenes import tiled
 
 from gaussian_trimmer import formats, sample
@@ -70,10 +68,6 @@ def main() -> None:
     options.output.mkdir(parents=True, exist_ok=True)
     results = {"machine": _machine(), options.section: records}
     (options.output / "speed.json").write_text(json.dumps(results, indent=1) + "\n")
-    table = Table(*records[0], title=options.section)
-    for record in records:
-        table.add_row(*(_cell(name, record.get(name, "")) for name in records[0]))
-    Console().print(table)
 
 
 def waits_section(options: Namespace) -> Iterator[Record]:
