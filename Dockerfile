@@ -1,4 +1,4 @@
-# The command line in a container: docs/containers.md.
+# The command line in a container: docs/service.md.
 FROM python:3.12-slim
 
 ARG EXTRAS=

@@ -1,12 +1,124 @@
-"""Files are read whole, within bounds, and refused if they change meanwhile or are no regular files."""
+"""Files are read whole, within bounds, and refused if they change; pictures are measured before they are decoded."""
 
 import os
+import struct
 import zipfile
+import zlib
 
+import cv2
+import numpy as np
 import pytest
 
+from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.reading import file_bytes, member_bytes, open_archive, reading
+from gaussian_trimmer.io.reading import decoded_picture, file_bytes, member_bytes, open_archive, picture_size, reading
+from gaussian_trimmer.masks.mask_files import find_mask, ids_of, mask_of
+from gaussian_trimmer.masks.photographs import cameras_with_photos, photo_of
+
+WIDTH, HEIGHT = 24, 16
+
+
+def camera(name="a.jpg", width=WIDTH, height=HEIGHT):
+    return Camera(np.eye(4), intrinsics(1.0, width, height), width, height, name)
+
+
+def jpeg(*options):
+    picture = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
+    return cv2.imencode(".jpg", picture, options)[1].tobytes()
+
+
+def png(width, height, depth=8, colours=0, data=b""):
+    """A PNG that announces a size, with some data."""
+
+    def chunk(name, data):
+        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+    head = struct.pack(">IIBBBBB", width, height, depth, colours, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize("ending", [".png", ".jpg", ".bmp", ".tiff", ".webp"])
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_sizes_are_those_of_the_decoder(ending, channels):
+    shape = (HEIGHT, WIDTH, 3 if ending == ".webp" and channels == 1 else channels)  # WebP has no grey pictures
+    picture = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
+    data = cv2.imencode(ending, picture)[1].tobytes()
+    assert picture_size(data) == (WIDTH, HEIGHT)
+    assert decoded_picture(data, cv2.IMREAD_COLOR).shape == (HEIGHT, WIDTH, 3)
+
+
+def test_a_photograph_with_a_film_appended(tmp_path):
+    """Phones save motion photographs: megabytes of film follow the JPEG, and any bytes occur in them."""
+    film = np.random.default_rng(0).integers(0, 256, 6_000_000, np.uint8).tobytes()
+    assert film.count(b"\xff\xda") > 64
+    (tmp_path / "a.jpg").write_bytes(jpeg())
+    alone = photo_of(camera(), camera(), tmp_path)
+    (tmp_path / "a.jpg").write_bytes(jpeg() + film)
+    np.testing.assert_array_equal(photo_of(camera(), camera(), tmp_path), alone)
+    assert mask_of(camera(), tmp_path).shape == (HEIGHT, WIDTH)
+
+
+def test_a_picture_turned_on_its_side(tmp_path):
+    """Cameras save how they were held; OpenCV turns such pictures upright."""
+    exif = b"Exif\0\0MM\0*\0\0\0\x08\0\1\x01\x12\0\3\0\0\0\1\0\6\0\0\0\0\0\0"
+    data = jpeg()
+    (tmp_path / "a.jpg").write_bytes(data[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + data[2:])
+    assert mask_of(camera(width=HEIGHT, height=WIDTH), tmp_path).shape == (WIDTH, HEIGHT)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        pytest.param(lambda: b"", id="empty"),
+        pytest.param(lambda: b"\x89PNG\r\n\x1a\n", id="PNG cut short"),
+        pytest.param(lambda: b"P5 24 16 255\n" + bytes(384), id="PGM"),
+        pytest.param(lambda: b"GIF89a" + bytes(99), id="GIF"),
+        pytest.param(lambda: b"\x76\x2f\x31\x01" + bytes(99), id="EXR"),
+    ],
+)
+def test_what_cannot_be_measured_is_not_decoded(data, tmp_path, monkeypatch):
+    (tmp_path / "a.jpg").write_bytes(data())
+    monkeypatch.setattr(cv2, "imdecode", None)
+    with pytest.raises(InputError, match=r"a\.jpg' is not a picture"):
+        mask_of(camera(), tmp_path)
+    with pytest.raises(InputError, match=r"a\.jpg' is not a picture"):
+        photo_of(camera(), camera(), tmp_path)
+
+
+@pytest.mark.parametrize("size", [(30_000, 30_000), (60_000, 60_000), (40_000, 10)])
+def test_pictures_are_measured_before_they_are_decoded(size, tmp_path, monkeypatch):
+    (tmp_path / "a.png").write_bytes(png(*size, depth=1))
+    monkeypatch.setattr(cv2, "imdecode", None)
+    for read in (mask_of, ids_of):
+        with pytest.raises(InputError, match="pixels, but its camera has 24 x 16"):
+            read(camera(), tmp_path)
+    large = camera(width=size[0], height=size[1])
+    with pytest.raises(InputError, match="pixels, too many to decode"):
+        photo_of(camera(), large, tmp_path)
+    if size[1] > 10:
+        with pytest.raises(InputError, match="pixels, too many to decode"):
+            mask_of(large, tmp_path)
+
+
+class TestNamesOfCameras:
+    @pytest.mark.parametrize("name", ["../private/a.png", "sub/../../private/a.png", "{}/private/a.png", "..", "/", ""])
+    def test_they_do_not_lead_out_of_the_folder(self, name, tmp_path):
+        for folder in ("private", "given", "given/sub"):
+            (tmp_path / folder).mkdir()
+        (tmp_path / "private" / "a.png").write_bytes(jpeg())
+        outside = camera(name.format(tmp_path))
+        assert find_mask(tmp_path / "given", outside) is None
+        with pytest.raises(InputError, match="No picture in"):
+            cameras_with_photos([outside], tmp_path / "given")
+        with pytest.raises(InputError, match="no photograph of the camera"):
+            photo_of(outside, outside, tmp_path / "given")
+
+    @pytest.mark.parametrize("name", ["sub/a.jpg", "sub/a", "./sub/a.PNG"])
+    def test_they_lead_to_folders_below(self, name, tmp_path):
+        (tmp_path / "sub").mkdir()
+        (tmp_path / "sub" / "a.png").write_bytes(jpeg())
+        assert find_mask(tmp_path, camera(name)) == tmp_path / "sub" / "a.png"
+        assert len(cameras_with_photos([camera(name)], tmp_path)) == 1
 
 
 def test_files_that_change_while_they_are_read(tmp_path):

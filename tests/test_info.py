@@ -1,3 +1,5 @@
+"""What `info` says of files of every kind."""
+
 from __future__ import annotations
 
 import json
