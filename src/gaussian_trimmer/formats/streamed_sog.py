@@ -7,7 +7,9 @@ are its own; together, the leaves of a level are that level.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -18,7 +20,6 @@ from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.formats import sog
 from gaussian_trimmer.formats.packing import check_count
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.io.memory import TRIM_BYTES_PER_SCENE_BYTE, total_bytes
 from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
 
 META = "lod-meta.json"
@@ -27,6 +28,9 @@ Box = Sequence[Sequence[float]]
 """Least and greatest corner, (2, 3)."""
 _MAX_META_BYTES = 32 << 20
 _MAX_LEVELS = 64
+_CONTAINER_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
+_TRIM_BYTES_PER_SCENE_BYTE = 3.5
+"""What a trim takes at most for each byte of the scene as arrays; measured."""
 _SHARE_OF_MEMORY = 0.5
 """Of this machine's memory, what a level may take that nobody asked for by number."""
 
@@ -80,7 +84,7 @@ class StreamedSog:
             if wanted not in self.levels:
                 raise InputError(f"'{self.path}' has no level {wanted}; its levels are {self._numbers()}.")
             return wanted
-        allowed = _SHARE_OF_MEMORY * total_bytes() / TRIM_BYTES_PER_SCENE_BYTE
+        allowed = _SHARE_OF_MEMORY * total_bytes() / _TRIM_BYTES_PER_SCENE_BYTE
         return next((n for n in self.levels if self.array_bytes(n, box) <= allowed), max(self.levels))
 
     def array_bytes(self, number: int, box: Box | None = None) -> int:
@@ -236,3 +240,14 @@ def _whole(value: Any, limit: int) -> int:
     if isinstance(value, (bool, float)) or not 0 <= number < limit:
         raise ValueError(f"{value} is not a whole number below {limit}")
     return number
+
+
+def total_bytes() -> float:
+    """Return the memory of this machine or container, in use or not; infinity where nobody says."""
+    found = []
+    if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
+        found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    for limit in _CONTAINER_LIMITS:
+        with suppress(OSError, ValueError):
+            found.append(int(Path(limit).read_text()))
+    return float(min(found, default=float("inf")))
