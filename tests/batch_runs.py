@@ -13,8 +13,8 @@ import toy
 import gaussian_trimmer
 from gaussian_trimmer import formats
 
-QUICK = "--plan.size 96 --views 2 --refine off"
-SLOW = "--plan.size 256 --views 4 --refine off"
+QUICK = "--set plan.size=96 --views 2 --refine off"
+SLOW = "--set plan.size=256 --views 4 --refine off"
 
 
 def save_scenes(folder, n_scenes=2, n_objects=2):

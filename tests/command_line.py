@@ -11,7 +11,7 @@ from gaussian_trimmer.cli import main
 from gaussian_trimmer.rendering import blend_values
 from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
-SMALL = ["--plan.size", "160", "--refine", "off"]
+SMALL = ["--set", "plan.size=160", "--refine", "off"]
 
 
 def save_ball(folder):
@@ -36,6 +36,12 @@ def save_ball(folder):
         share = blend_values(scene, camera, truth[:, None].astype(np.float32))[..., 0]
         assert cv2.imwrite(str(folder / "masks" / f"{i}.png"), (255 * share).astype(np.uint8))
     return scene, truth
+
+
+def within(path, scene, centre, radius):
+    """A selection file of what lies within a ball."""
+    np.save(path, np.linalg.norm(scene.means - np.array(centre), axis=1) <= radius)
+    return path
 
 
 def run(*arguments):

@@ -33,6 +33,8 @@ LAYERS = (
     ("surface",),
     ("finding",),
     ("selecting",),
+    ("parser",),
+    ("trim_arguments",),
     ("evaluation",),
     ("batch",),
     ("app",),

@@ -64,7 +64,7 @@ def test_unknown_endings(ball, tmp_path, capsys):
         ("empty.npy", lambda n: np.zeros(n, bool), "selects none"),
         ("full.npy", lambda n: np.ones(n, bool), "selects all"),
         ("short.npy", lambda n: np.ones(n - 1, bool), "entries"),
-        ("scores.npy", lambda n: np.linspace(0, 1, n), "--selection.threshold"),
+        ("scores.npy", lambda n: np.linspace(0, 1, n), "--set selection.threshold"),
         ("matrix.npy", lambda n: np.ones((3, n), bool), "is not a selection"),
         ("beyond.npy", lambda n: np.array([1, 2, n]), "row numbers 0 to"),
         ("pickled.npy", lambda n: np.array([{}], object), "pickled.npy"),
@@ -90,10 +90,10 @@ def test_cut_out_of_another_scene(ball, tmp_path, capsys):
     ("options", "said"),
     [
         (["--segmenter", "sam9"], "available: silhouette"),
-        (["--segmenter", "mask-files"], "--mask-files.folder"),
-        (["--segmenter", "mask-files", "--mask-files.folder", "masks"], "--cameras"),
+        (["--segmenter", "mask-files"], "--set mask-files.folder"),
+        (["--segmenter", "mask-files", "--set", "mask-files.folder=masks"], "--cameras"),
         (["--cameras", "nowhere"], "nowhere"),
-        (["--selection.object-id", 3], "object"),
+        (["--set", "selection.object-id=3"], "object"),
     ],
 )
 def test_wrong_options(options, said, ball, tmp_path, capsys):

@@ -4,7 +4,6 @@ import csv
 import json
 import os
 import shutil
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from command_line import run
 
 import gaussian_trimmer as gt
 from gaussian_trimmer.commands import batch as command
+from gaussian_trimmer.commands import parser_of
 from gaussian_trimmer.selecting.marks import Sphere
 
 HEADER = "scene,selection,name,up,options"
@@ -141,7 +141,7 @@ def test_failures_cost_their_items_alone_and_are_tried_again(copy, capsys):
 
 
 def test_a_defect_is_told_with_its_place(copy, capsys, monkeypatch):
-    monkeypatch.setattr(command.Trim, "run", lambda *given: 1 / 0)
+    monkeypatch.setattr(command.trim, "run", lambda *given: 1 / 0)
     found, _ = batch(copy, capsys, "s0.ply,s0-0.npy,a,z,", output="new", code=2)
     assert "A defect of the program: ZeroDivisionError: division by zero" in found["a"]["message"]
     assert f"({Path(__file__)}, line" in found["a"]["message"]
@@ -227,5 +227,6 @@ def test_options_that_are_not_possible(folder, tmp_path, capsys, options, said):
 def test_the_example_for_slurm_names_options_that_exist():
     text = (Path(__file__).parents[1] / "examples" / "06_batch_on_slurm.sh").read_text()
     command_line = text[text.index("python -m") :]
-    options = {word[2:].replace("-", "_") for word in command_line.split() if word.startswith("--")}
-    assert {"shard", "workers"} <= options <= {field.name for field in fields(command.Batch)}
+    options = {word for word in command_line.split() if word.startswith("--")}
+    assert {"--shard", "--workers"} <= options
+    assert all(f"\n  {option} " in parser_of("batch").format_help() for option in options)

@@ -5,6 +5,7 @@ import pytest
 
 from gaussian_trimmer.batch.tables import Item, check_names, read_manifest
 from gaussian_trimmer.commands import batch as command
+from gaussian_trimmer.commands import parser_of
 from gaussian_trimmer.errors import InputError
 
 
@@ -20,7 +21,7 @@ def manifest(folder, text, name="manifest.csv"):
 
 
 def items_of(path, options=""):
-    return command.Batch((path,), options=options)._items()[0]
+    return command.items_of(parser_of("batch").parse([str(path), "--options", options]))[0]
 
 
 @pytest.mark.parametrize(
@@ -35,15 +36,15 @@ def test_names_that_are_in_each_others_way(names, said):
 def test_rows_of_a_table(tmp_path):
     path = manifest(tmp_path, 'scene,selection,up,options,name,cameras\na.ply,mug.npy,"0,0,1",--views 7,,sparse/0\n'
                               "rooms/c.ply,,-y,,c,\n")  # fmt: skip
-    first, second = items_of(path, "--plan.size 200")
+    first, second = items_of(path, "--set plan.size=200")
     assert first == Item(
         "a-mug",
         tuple(
-            f"{tmp_path}/a.ply {tmp_path}/mug.npy --plan.size 200 --views 7 "
-            f"--cameras {tmp_path}/sparse/0 --up 0 0 1".split()
+            f"{tmp_path}/a.ply {tmp_path}/mug.npy --cameras {tmp_path}/sparse/0 --up 0 0 1 --views 7 "
+            "--set plan.size=200".split()
         ),
     )
-    assert second == Item("c", (str(tmp_path / "rooms/c.ply"), "--plan.size", "200", "--up", "-y"))
+    assert second == Item("c", (str(tmp_path / "rooms/c.ply"), "--up", "0", "-1", "0", "--set", "plan.size=200"))
     assert [one.name for one in items_of(path, "--format spz")] == ["a-mug", "c"]
 
 
@@ -53,7 +54,7 @@ def test_objects_of_labels_are_items_with_the_ids_that_the_file_has_now(tmp_path
         np.save(tmp_path / "ids.npy", np.array([0, 0, -1, *ids]))
         items = items_of(path)
         assert [item.name for item in items] == ["a-ids-3", "a-ids-7", *(f"b/{number}" for number in sorted(ids))]
-        assert items[0].words[2:] == ("--selection.kind", "labels", "--selection.object-id", "3")
+        assert items[0].words[2:] == ("--set", "selection.kind=labels", "--set", "selection.object-id=3")
 
 
 @pytest.mark.parametrize(
@@ -80,8 +81,8 @@ def test_objects_of_labels_are_items_with_the_ids_that_the_file_has_now(tmp_path
         ("scene,name\na.ply,x/nul.txt\n", "as 'x/_nul.txt' can"),
         ("scene\na.xyz\n", "xyz"),
         ("scene,options\na.ply,--format xyz\n", "xyz"),
-        ("scene,options\na.ply,--context-radius -1\n", "context-radius is -1"),
-        ("scene,options\na.ply,--plan.sise 3\n", "line 2: --plan.sise is not an option"),
+        ("scene,options\na.ply,--set context-radius=-1\n", "context-radius is -1"),
+        ("scene,options\na.ply,--set plan.sise=3\n", "line 2: --set plan.sise: there is no such"),
         ("scene,options\na.ply,--objects 3\n", "line 2: --objects is the column 'objects'; leave it out"),
         ("scene,options\na.ply,--no-quiet\n", "line 2: --no-quiet is an option of the batch itself"),
         ("scene,options\na.ply,'\n", "cannot be split into words"),
@@ -95,7 +96,7 @@ def test_manifests_that_are_not_possible(tmp_path, text, said):
 
 
 def test_all_rows_that_are_not_possible_are_told_at_once(tmp_path):
-    path = manifest(tmp_path, "scene,up,options\na.ply,w,\nb.ply,,\nc.ply,,--plan.sise 3\n" + "d.ply,w,\n" * 20)
+    path = manifest(tmp_path, "scene,up,options\na.ply,w,\nb.ply,,\nc.ply,,--set plan.sise=3\n" + "d.ply,w,\n" * 20)
     with pytest.raises(InputError, match=r"line 2.*line 4.*line 5.*14 more rows"):
         items_of(path)
 
@@ -110,14 +111,14 @@ def test_the_manifest_in_a_folder_is_named(tmp_path):
 def test_files_that_are_no_manifests(tmp_path, name):
     manifest(tmp_path, "scene\na.ply\n", "known.jsonl")
     with pytest.raises(InputError, match=name):
-        read_manifest(tmp_path / name, [], lambda words: "a")
+        read_manifest(tmp_path / name, lambda words: ("a", words))
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
         ("--labels ids.npy", "--labels is the column 'labels'; leave it out."),
-        ("--plan.sise 3", "--plan.sise is not an option or argument of 'trim'; did you mean --plan.size?"),
+        ("--set plan.sise=3", "--set plan.sise: there is no such setting; did you mean plan.size?"),
         ("'x", "The options ''x' cannot be split into words (No closing quotation)."),
     ],
 )

@@ -340,7 +340,7 @@ def test_what_a_click_takes_alone_is_trimmed_though_it_is_the_whole_file(tmp_pat
     formats.write(scene.select(truth), tmp_path / "ball.ply")
     command = ["select", tmp_path / "ball.ply", "--up", "z", "--view-index", 0, "--click", 320, 320]
     out = ["--output", tmp_path / "ball.npy", "--trim", tmp_path / "out", "--quiet", "--refine", "off"]
-    assert run(*command, *out, "--plan.size", 160) == 0
+    assert run(*command, *out, "--set", "plan.size=160") == 0
     assert len(formats.read(tmp_path / "out" / "object.ply")) == truth.sum()
 
 

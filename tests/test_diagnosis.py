@@ -166,7 +166,7 @@ def ball(tmp_path_factory):
         ("scene.ply", "scattered.npy", [], "scattered over the scene"),
         ("scene.ply", "rough.npy", ["--cameras", "elsewhere.json"], "none of the 3 training cameras"),
         ("map.ply", "rough.npy", [], "move the origin into the scene"),
-        ("scene.ply", "rough.npy", ["--acceptance.max-wrong", 0], "0.0 is allowed"),
+        ("scene.ply", "rough.npy", ["--set", "acceptance.max-wrong=0"], "0.0 is allowed"),
     ],
 )
 @pytest.mark.parametrize("quiet", [True, False])

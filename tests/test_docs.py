@@ -19,7 +19,8 @@ from dataset_layouts import save_capture, write
 from test_streamed_sog import streamed
 
 import gaussian_trimmer as gt
-from gaussian_trimmer import cli, formats
+from gaussian_trimmer import formats
+from gaussian_trimmer.commands import COMMANDS, command_in, parser_of
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("docs/**/*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
@@ -134,11 +135,10 @@ def commands():
 @pytest.mark.parametrize("command", commands())
 def test_commands_of_the_pages_are_understood(command):
     words = shlex.split(command.rstrip("| )"))[1:]
-    two = " ".join(words[:2])
-    known, arguments = (two, words[2:]) if two in cli.COMMANDS else (words[0], words[1:])
-    assert known in cli.COMMANDS, f"there is no command '{known}'"
+    known, arguments = command_in(words)
+    assert known in COMMANDS, f"there is no command '{known}'"
     if arguments and not {"--help", "--help-all"}.intersection(arguments):  # else it is only named
-        cli._parse(known, arguments)
+        parser_of(known).parse(arguments)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)

@@ -11,7 +11,7 @@ from command_line import SMALL, run, save_ball
 from scenes import front_camera, random_scene
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.commands.scene_inputs import SceneInputs
+from gaussian_trimmer.commands.trim_run import scene_name
 from gaussian_trimmer.formats import ply
 from gaussian_trimmer.output.engines import ENGINES, convex_hull, placement_for, rotation_between, turned
 from gaussian_trimmer.rendering import render
@@ -169,7 +169,7 @@ def test_what_a_format_does_not_keep_is_said(target, lost, tmp_path, capsys):
      ("../splat.ply", "splat"), ("a/cup.compressed.ply", "cup"), ("flat/lod-meta.json", "flat")],
 )  # fmt: skip
 def test_a_scene_that_is_called_as_all_are_has_its_folders_name(path, name):
-    assert SceneInputs(Path(path)).name == name
+    assert scene_name(Path(path)) == name
 
 
 @pytest.mark.parametrize(("name", "said"), [("a.compressed.ply", False), ("a.ply", True)])

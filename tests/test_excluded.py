@@ -83,7 +83,7 @@ def test_every_way_from_marks_to_a_trim_keeps_to_them(tmp_path, monkeypatch, how
     monkeypatch.chdir(tmp_path)
     formats.write(SCENE, tmp_path / "scene.ply")
     ball_without_its_patch().save(tmp_path / "a.npy")
-    common = ["--up", 0, 0, 1, "--plan.size", 96, "--output"]
+    common = ["--up", 0, 0, 1, "--set", "plan.size=96", "--output"]
     if how == "select":
         assert run("select", "scene.ply", "--marks", "a.json", *common, "b.npy", "--trim", "out") == 0
     else:

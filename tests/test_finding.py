@@ -206,7 +206,7 @@ def test_the_command_writes_labels_table_and_page_and_trims(furnished, tmp_path,
     sure = [str(one["id"]) for one in listed if one["sure"]]
     assert (row["name"], row["objects"], row["up"]) == ("found", " ".join(sure), "")  # the cameras tell it again
     trim = ["--output", tmp_path / "found", "--keep", 1, 3, "--trim", tmp_path / "trimmed"]
-    assert run(*command, *trim, "--json", "--refine", "off", "--plan.size", 160, "--background", "exact") == 0
+    assert run(*command, *trim, "--json", "--refine", "off", "--set", "plan.size=160", "--background", "exact") == 0
     assert {path.name for path in (tmp_path / "trimmed").glob("*.ply")} == {
         "object_1.ply", "object_3.ply", "background.ply",
     }  # fmt: skip
@@ -215,7 +215,7 @@ def test_the_command_writes_labels_table_and_page_and_trims(furnished, tmp_path,
 
 def test_an_up_vector_that_was_found_for_the_scene_is_that_of_its_trims(furnished, tmp_path):
     room.save(furnished[0], CAMERAS, tmp_path)
-    quick = ["--views", 2, "--plan.size", 96, "--refine", "off", "--background", "exact", "--quiet"]
+    quick = ["--views", 2, "--set", "plan.size=96", "--refine", "off", "--background", "exact", "--quiet"]
     find = ["objects", tmp_path / "scene.ply", "--output", tmp_path / "found", "--keep", 1, "--trim", tmp_path / "one"]
     assert run(*find, *quick) in (0, 3)
     found = json.loads((tmp_path / "found" / "objects.json").read_text())["up"]
@@ -251,7 +251,7 @@ def test_a_batch_trims_what_was_found_in_several_scenes(furnished, tmp_path):
         assert run("objects", tmp_path / name / "scene.ply", *options, "--up", 0, 0, 1, "--quiet") == 0
     manifests = sorted((tmp_path / "found").glob("*/batch.csv"))
     assert [path.parent.name for path in manifests] == ["a", "my room"]  # nothing in the third
-    quick = "--plan.size 96 --views 2 --refine off --background exact --no-write-background"
+    quick = "--set plan.size=96 --views 2 --refine off --background exact --no-write-background"
     options = ["--output", tmp_path / "out", "--workers", 1, "--quiet"]
     assert run("batch", *manifests, *options, "--options", quick) == 0
     items = {path.parent.relative_to(tmp_path / "out" / "items").as_posix() for path in tmp_path.rglob("object.ply")}

@@ -104,7 +104,7 @@ class TestMessages:
         cameras_of(tmp_path / "c.json", frame(file=ESCAPES), frame(file=f"{ESCAPES}2"))
         assert run("info", path) == run("info", tmp_path / "a.npz") == 0
         assert run("info", tmp_path / "a.sog") == 2
-        assert run("trim", path, path, "--selection.property", "absent", "--output", tmp_path / "out") == 2
+        assert run("trim", path, path, "--set", "selection.property=absent", "--output", tmp_path / "out") == 2
         assert run("select", path, "--cameras", tmp_path / "c.json", "--box", 1, 1, 2, 2, "--view", "b") == 2
         printed = "".join(capsys.readouterr())
         assert printed.count("\\x1b]0;owned\\x07") >= 5

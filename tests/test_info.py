@@ -19,7 +19,7 @@ def test_splats(tmp_path):
     text = describe_file(save_ply(tmp_path / "scene.ply", make_scene(N, coefficients=8, extras=extras)))
     assert "12 Gaussians, SH degree 2" in text
     assert "extra columns: obj_dc_0 to obj_dc_15, mask" in text
-    assert "--selection.classifier and --selection.object-id" in text
+    assert "--set selection.classifier=VALUE and --set selection.object-id" in text
     assert "property mask: selects" in text
 
 
@@ -37,7 +37,7 @@ def test_splats_have_bounds_and_opacities(tmp_path):
     ("values", "expected"),
     [
         (rows_mask(N, 2, 3), ["bool (12,), 2 true", "selects from a scene of 12 Gaussians"]),
-        (np.array([0, 0, 3, 5, 3]), ["0 to 5: 0 (2), 3 (2), 5 (1)", "5 Gaussians, with --selection.object-id"]),
+        (np.array([0, 0, 3, 5, 3]), ["0 to 5: 0 (2), 3 (2), 5 (1)", "5 Gaussians, with --set selection.object-id"]),
         (np.array([7, 4, 9]), ["int64 (3,), 4 to 9\n", "listed rows of a scene with more Gaussians"]),
         (np.linspace(0, 1, 5), ["float64 (5,), 0 to 1"]),
         (np.zeros((3, 4), int), ["holds no selection of a known kind"]),
@@ -54,14 +54,14 @@ def test_arrays(tmp_path, values, expected):
 def test_arrays_that_have_to_be_named(tmp_path):
     np.savez(tmp_path / "a.npz", exact=rows_mask(N, 2), wobbly=rows_mask(N, 3), other=np.zeros(3))
     text = describe_file(tmp_path / "a.npz")
-    assert f"of {N} Gaussians by one of these arrays, with --selection.property NAME" in text
+    assert f"of {N} Gaussians by one of these arrays, with --set selection.property=NAME" in text
 
 
 def test_clusters(tmp_path):
     np.savez(tmp_path / "cluster_lang.npz", leaf_feat=np.zeros((2, 512)), leaf_ind=np.array([0, 1, 1]))
     text = describe_file(tmp_path / "cluster_lang.npz")
     assert "0 (1), 1 (2)" in text
-    assert "selects from a scene of 3 Gaussians, with --selection.object-id" in text
+    assert "selects from a scene of 3 Gaussians, with --set selection.object-id" in text
 
 
 @pytest.mark.needs("torch")
@@ -79,7 +79,7 @@ def test_torch_files(tmp_path):
     text = describe_file(tmp_path / "cob.pth")
     assert "iteration 30000, which can be the scene\n  splats: 12 Gaussians, SH degree 3" in text
     assert "selects the Gaussians with COB-GS's foreground probability" in text
-    assert "--selection.query-row" in describe_file(tmp_path / "grouping.pth")
+    assert "--set selection.query-row" in describe_file(tmp_path / "grouping.pth")
     assert "holds no selection" in describe_file(tmp_path / "plain.pth")
     assert "scene of 12 Gaussians by FlashSplat" in describe_file(tmp_path / "view_num_010_objnum_002.pth")
 

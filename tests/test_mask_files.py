@@ -94,7 +94,7 @@ def test_missing_masks_are_refused(tmp_path):
         cameras_with_masks([camera("a.png")], tmp_path)
     with pytest.raises(InputError, match=r"no folder"):
         cameras_with_masks([camera("a.png")], tmp_path / "nowhere")
-    with pytest.raises(InputError, match=r"--mask-files.folder"):
+    with pytest.raises(InputError, match=r"--set mask-files.folder"):
         get_segmenter("mask-files", MaskFilesConfig())
 
 

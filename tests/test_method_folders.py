@@ -283,13 +283,13 @@ class TestQueryPoint:
         common = ("scene.ply", "scene.ply", "--cameras", "cameras.json", "--quiet", *SMALL)
         camera = formats_camera(tmp_path)
         x, y = np.round(camera.project(scene.means[truth].mean(0, keepdims=True).astype(float))[0][0]).astype(int)
-        query = ("--selection.query-point", x, y)
+        query = ("--set", f"selection.query-point={x},{y}")
         assert run("trim", *common, *query, "--view", "b", "--output", "out") == 0
         selected = np.load("out/labels.npz")["selected"]
         assert np.array_equal(np.sort(selected), np.flatnonzero(truth))
         assert run("trim", *common, *query) == 2
         assert "Name the view of the queried pixel" in capsys.readouterr().err
-        assert run("trim", *common, "--selection.query-point", 9999, 5, "--view", "b") == 2
+        assert run("trim", *common, "--set", "selection.query-point=9999", 5, "--view", "b") == 2
         assert "outside the view" in capsys.readouterr().err
 
 

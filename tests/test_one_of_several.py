@@ -143,7 +143,7 @@ def test_the_command_makes_what_python_does(files):
 def test_labels_of_one_object_make_what_its_selection_does(files):
     common = ["trim", files / "scene.ply", *UP, "--quiet", "--output"]
     assert run(*common, files / "several", "--labels", files / "labels.npy") == 0
-    assert run(*common, files / "one", files / "labels.npy", "--selection.object-id", 3) == 0
+    assert run(*common, files / "one", files / "labels.npy", "--set", "selection.object-id=3") == 0
     assert splats(files / "several", "object_3") == splats(files / "one")
 
 

@@ -15,14 +15,15 @@ from benchmark_data import benchmark_scene  # noqa: E402
 from tiny_sam import FAMILIES, LOW, SIDE, save_tiny_sam  # noqa: E402
 
 import gaussian_trimmer as gt  # noqa: E402
-from gaussian_trimmer import cli  # noqa: E402
 from gaussian_trimmer.cameras import Camera, intrinsics  # noqa: E402
+from gaussian_trimmer.commands import parser_of  # noqa: E402
 from gaussian_trimmer.errors import InputError  # noqa: E402
 from gaussian_trimmer.masks import get_segmenter, sam_onnx  # noqa: E402
 from gaussian_trimmer.masks.prompts import Prompt, expected_logits, middle_points  # noqa: E402
 from gaussian_trimmer.masks.sam import SamConfig, SamSegmenter, agreement, paper_sam, prompt_of  # noqa: E402
 from gaussian_trimmer.masks.sam_onnx import OnnxSam  # noqa: E402
 from gaussian_trimmer.rendering import Rendering, blend_values  # noqa: E402
+from gaussian_trimmer.trim_arguments import segmenter_name, segmenter_options  # noqa: E402
 from gaussian_trimmer.trimming.config import TrimConfig, paper_config  # noqa: E402
 from gaussian_trimmer.trimming.trim import trim  # noqa: E402
 from gaussian_trimmer.views.view import View, bounding_box  # noqa: E402
@@ -308,11 +309,12 @@ def test_masks_of_something_else_are_told_in_the_report(tmp_path):
 
 
 def test_the_papers_preset_takes_the_papers_prompt(tmp_path):
-    command = cli._parse("trim", ["scene.ply", "--preset", "paper", "--segmenter", "sam", "--sam.model", "m"])
-    assert command.options.used_options() == SamConfig("m", prompt="follow", choice="score", fusion=False)
-    command = cli._parse("trim", ["scene.ply", "--preset", "paper", "--sam.prompt", "expected"])
-    assert command.options.segmenter == "grabcut"
-    assert command.options.segmenter_options.sam.prompt == "expected"
+    words = ["scene.ply", "--preset", "paper", "--segmenter", "sam", "--set", "sam.model=m"]
+    paper = segmenter_options(parser_of("trim").parse(words))
+    assert paper == SamConfig("m", prompt="follow", choice="score", fusion=False)
+    changed = parser_of("trim").parse([*words, "--set", "sam.prompt=expected"])
+    assert segmenter_options(changed).prompt == "expected"
+    assert segmenter_name(parser_of("trim").parse(["scene.ply", "--preset", "paper"])) == "grabcut"
 
 
 def test_files_are_found_in_the_folder_onnx_and_under_the_names_of_checkpoints(tmp_path):
@@ -332,7 +334,7 @@ def refused(folder, provider="auto"):
 
 
 def test_without_a_model_the_message_says_how_to_get_one():
-    with pytest.raises(InputError, match=r"--sam.model FOLDER.*docs/sam\.md"):
+    with pytest.raises(InputError, match=r"--set sam.model=FOLDER.*docs/sam\.md"):
         get_segmenter("sam")
 
 

@@ -458,7 +458,7 @@ def test_a_missing_extra_says_what_to_install(monkeypatch):
 
 
 def test_an_unreachable_hub_says_what_to_do():
-    with pytest.raises(InputError, match=r"'facebook/sam2.1-hiera-tiny' cannot be loaded .* --sam2.model FOLDER"):
+    with pytest.raises(InputError, match=r"'facebook/sam2.1-hiera-tiny' cannot be loaded .* --set sam2.model=FOLDER"):
         Sam2Segmenter(Sam2Config(device="cpu"))
 
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import toy
-from command_line import SMALL, run
+from command_line import SMALL, run, within
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
@@ -47,12 +47,15 @@ def test_box_then_trim(ball, tmp_path):
 
 
 def test_a_second_try_replaces_its_own_files_and_no_others(ball, tmp_path, capsys):
-    folder, _, truth = ball
+    folder, scene, truth = ball
     middle = middle_of(folder)
     command = ["select", folder / "scene.ply", "--cameras", folder / "cameras.json", "--view", "0", "--quiet"]
     files = ["--output", tmp_path / "a.npy", "--trim", tmp_path / "out", *SMALL, "--views", 3]
     assert run(*command, "--click", *middle, *files) == 0
-    assert run(*command, "--click", *middle, "--intersect-sphere", 0, 0, 1.6, 0.7, *files) == 0
+    assert (
+        run(*command, "--click", *middle, "--intersect", within(tmp_path / "top.npy", scene, (0, 0, 1.6), 0.7), *files)
+        == 0
+    )
     assert np.load(tmp_path / "a.npy").sum() < 0.6 * truth.sum()
     np.save(tmp_path / "a.npy", np.arange(3))  # somebody else's now
     assert run(*command, "--click", *middle, "--output", tmp_path / "a.npy") == 2
@@ -73,7 +76,7 @@ def test_a_selection_has_its_scenes_name_and_one_of_another_scene_is_kept(ball, 
     monkeypatch.chdir(tmp_path)
     for name in ("seal", "wolf"):
         shutil.copy(folder / "scene.ply", tmp_path / f"{name}.ply")
-    everything = ["--up", 0, 0, 1, "--sphere", 0, 0, 1, 1.1, "--quiet"]
+    everything = ["--up", 0, 0, 1, "--add", folder / "rough.npy", "--quiet"]
     for name in ("seal", "wolf", "seal"):  # a second try in the same scene replaces the first
         assert run("select", f"{name}.ply", *everything) == 0
     assert {path.name for path in tmp_path.glob("*.npy")} == {"seal_selection.npy", "wolf_selection.npy"}
@@ -92,8 +95,7 @@ def test_numbers_of_marks_may_have_commas(ball, tmp_path):
     x, y = middle_of(folder)
     command = ["select", folder / "scene.ply", "--cameras", folder / "cameras.json", "--view", "0", "--quiet"]
     for number, click in enumerate((["--click", x, y], ["--click", f"{x},{y}"], [f"--click={x},{y}"])):
-        marks = [*click, "--intersect-box3d", "-9,-9,0.1", "9,", "9,9"]
-        assert run(*command, *marks, "--output", tmp_path / f"{number}.npy") == 0
+        assert run(*command, *click, "--output", tmp_path / f"{number}.npy") == 0
         assert np.array_equal(np.load(tmp_path / f"{number}.npy"), np.load(tmp_path / "0.npy"))
 
 
@@ -101,43 +103,31 @@ def test_marks_belong_to_the_view_before_them(ball, tmp_path, capsys):
     folder, scene, truth = ball
     middle, behind = middle_of(folder), middle_of(folder, "2.png")
     command = ["select", folder / "scene.ply", "--cameras", folder / "cameras.json", "--output", tmp_path / "a.npy"]
-    marks = [
-        "--view",
-        "0",
-        "--click",
-        *middle,
-        "--box3d",
-        -99,
-        -99,
-        -99,
-        99,
-        99,
-        0.1,
-        "--view=2",
-        "--remove-click",
-        *behind,
-    ]
+    below = scene.means[:, 2] < 0.1
+    np.save(tmp_path / "below.npy", below)
+    marks = ["--view", "0", "--click", *middle, "--add", tmp_path / "below.npy", "--view=2", "--remove-click", *behind]
     assert run(*command, *marks) == 0
     selection = np.load(tmp_path / "a.npy")
-    below = scene.means[:, 2] < 0.1
     assert (selection >= (below & ~truth)).all()
     assert np.mean(selection[truth & ~below]) < 0.1
     document = json.loads((tmp_path / "a.json").read_text())
-    assert [mark["mark"] for mark in document["marks"]] == ["click", "box3d", "click"]
+    assert [mark["mark"] for mark in document["marks"]] == ["click", "file", "click"]
     assert [document["views"][mark["view"]]["name"] for mark in document["marks"] if "view" in mark] == [
         "0.png",
         "2.png",
     ]
-    assert run(*command, "--click", *middle, "--view", "0", "--view", "2") == 2
-    assert "before the first of several views" in capsys.readouterr().err
+    two = ["--view", "0", "--click", *middle, "--view", "2", "--click", *behind]
+    assert run(*command, "--click", *middle, *two) == 2
+    assert "before the first" in capsys.readouterr().err
 
 
-def test_files_volumes_and_rims(ball, tmp_path, capsys):
+def test_files_and_rims(ball, tmp_path, capsys):
     folder, scene, truth = ball
     np.save(tmp_path / "ids.npy", np.where(truth, 3, 5) + 4 * (scene.means[:, 2] > 1))
     command = ["select", folder / "scene.ply", "--up", 0, 0, 1, "--quiet", "--output", tmp_path / "a.npy"]
     height = scene.means[:, 2]
-    options = ["--add", f"{tmp_path / 'ids.npy'}#3,7", "--intersect-box3d", -9, -9, 0.5, 9, 9, 9]
+    np.save(tmp_path / "above.npy", height > 0.5)
+    options = ["--add", f"{tmp_path / 'ids.npy'}#3,7", "--intersect", tmp_path / "above.npy"]
     assert run(*command, *options) == 0
     assert np.array_equal(np.load(tmp_path / "a.npy"), truth & (height > 0.5))
     assert run(*command, *options, "--subtract", f"{tmp_path / 'ids.npy'}#7") == 0
@@ -146,7 +136,6 @@ def test_files_volumes_and_rims(ball, tmp_path, capsys):
     assert run(*command, *options, "--subtract", f"{tmp_path / 'ids.npy'}#7", "--grow", 2) == 0
     grown = np.load(tmp_path / "a.npy")
     assert (grown >= kept).all() and kept.sum() < grown.sum() < truth.sum()
-    assert run(*command, "--box3d", -9, -9, -9, 9, 9, 0.2, "--shrink", 1) == 0
     assert run(*command, "--add", tmp_path / "ids.npy") == 2
     assert "several objects" in capsys.readouterr().err
     assert run(*command, "--shrink", 1) == 2
@@ -156,9 +145,9 @@ def test_files_volumes_and_rims(ball, tmp_path, capsys):
 def test_trim_takes_marks_on_top_of_a_file(ball, tmp_path):
     folder, scene, truth = ball
     np.save(tmp_path / "rough.npy", toy.dilated(scene, truth))
-    out = tmp_path / "out"
+    out, inside = tmp_path / "out", within(tmp_path / "in.npy", scene, (0, 0, 1), 1.2)
     assert run("trim", folder / "scene.ply", tmp_path / "rough.npy", "--cameras", folder / "cameras.json", *SMALL,
-               "--intersect-sphere", 0, 0, 1, 1.2, "--output", out, "--quiet") == 0  # fmt: skip
+               "--intersect", inside, "--output", out, "--quiet") == 0  # fmt: skip
     kept = toy.dilated(scene, truth) & (np.linalg.norm(scene.means - toy.CENTRE, axis=1) <= 1.2)
     assert json.loads((out / "report.json").read_text())["objects"][0]["counts"]["selected"] == kept.sum()
     assert run("select", folder / "scene.ply", "--marks", out / "selection.json", "--output", tmp_path / "a.npy") == 0
@@ -246,8 +235,7 @@ def test_object_numbers_give_all_objects_in_one_pass(ball, tmp_path, capsys):
     [
         ([], "Say what to select"),
         (["--grow", 2, "--list-views", "views"], "leave the marks out"),
-        (["--sphere", 0, 0, 0, -1], "radius is -1; it must be above zero"),
-        (["--box3d", 0, 0, 0, 1, 1, -1], "below its partner"),
+        (["--grow", 0], "--grow is 0.0; it must be a number from 0.01"),
         (["--marks", "nowhere.json"], "no file 'nowhere.json'"),
         (["--masks", "masks"], "--cameras PATH"),
         (["--click", 5, 5], "--view-index INT"),

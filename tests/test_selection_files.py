@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from selection_builders import make_scene, rows_mask
 
-from gaussian_trimmer import cli
+from gaussian_trimmer.commands import parser_of
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selection_files import KINDS, SelectionOptions, load_selection
+from gaussian_trimmer.trim_arguments import selection_options_of
 
 N = 12
 SCENE = make_scene(N)
@@ -59,14 +60,14 @@ def test_mask_of_wrong_length_names_both_lengths(tmp_path):
 
 def test_scores_need_a_threshold(tmp_path):
     path = save(tmp_path / "scores.npy", np.linspace(-1, 1, N))
-    with pytest.raises(InputError, match=r"scores from -1 to 1; choose with --selection\.threshold"):
+    with pytest.raises(InputError, match=r"scores from -1 to 1; choose with --set selection\.threshold"):
         select(path)
     assert select(path, threshold=0.75) == [10, 11]
 
 
 def test_labels_need_an_id_and_list_what_there_is(tmp_path):
     path = save(tmp_path / "labels.npy", [0, 0, 3, 3, 3, -1, 0, 0, 0, 0, 7, 0])
-    with pytest.raises(InputError, match=r"--selection\.object-id, .*: -1 \(1\), 0 \(7\), 3 \(3\), 7 \(1\)\."):
+    with pytest.raises(InputError, match=r"selection\.object-id=VALUE, .*: -1 \(1\), 0 \(7\), 3 \(3\), 7 \(1\)\."):
         select(path)
     with pytest.raises(InputError, match=r"no Gaussians of object 4; its ids \(Gaussians\): -1 \(1\)"):
         select(path, object_id=(3, 4))
@@ -119,7 +120,7 @@ def test_opengaussian_clusters(tmp_path):
 def test_ambiguous_archive_names_the_kinds_and_can_be_forced(tmp_path):
     path = tmp_path / "both.npz"
     np.savez(path, mask=rows_mask(N, 1), labels=np.arange(N) % 3)
-    with pytest.raises(InputError, match=r"as mask or as labels; say which with --selection\.kind mask"):
+    with pytest.raises(InputError, match=r"as mask or as labels; say which with --set selection\.kind=mask"):
         select(path)
     assert select(path, kind="mask") == [1]
     assert select(path, kind="labels", object_id=(2,)) == [2, 5, 8, 11]
@@ -127,7 +128,7 @@ def test_ambiguous_archive_names_the_kinds_and_can_be_forced(tmp_path):
 
 def test_options_without_use_are_refused(tmp_path):
     path = save(tmp_path / "m.npy", rows_mask(N, 2))
-    with pytest.raises(InputError, match=r"'mask', which does not use --selection\.gamma, --selection\.object-id"):
+    with pytest.raises(InputError, match=r"which does not use --set selection\.gamma=VALUE, --set selection\.object"):
         select(path, object_id=(1,), gamma=0.5)
 
 
@@ -147,7 +148,7 @@ def test_arrays_of_no_use_are_described(tmp_path):
 def test_arrays_that_have_to_be_named_are_said(tmp_path):
     np.savez(tmp_path / "x.npz", exact=rows_mask(N, 2), wobbly=rows_mask(N, 3))
     for given in ({}, {"property": "woble"}):
-        with pytest.raises(InputError, match=r"; name an array, such as --selection\.property exact\."):
+        with pytest.raises(InputError, match=r"; name an array, such as --set selection\.property=exact\."):
             select(tmp_path / "x.npz", **given)
 
 
@@ -201,7 +202,7 @@ def test_documented_commands_are_understood():
     commands = documented_commands()
     assert len(commands) > 10
     for command in commands:
-        options = cli._parse("trim", command.split()).selection_options
+        options = selection_options_of(parser_of("trim").parse(command.split()))
         given, kind = options.given(), options.kind
         assert kind == "auto" or given <= set(KINDS[kind][1]), command
 

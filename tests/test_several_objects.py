@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import toy
-from command_line import SMALL, run
+from command_line import SMALL, run, within
 
 import gaussian_trimmer as gt
 from gaussian_trimmer import formats
@@ -204,7 +204,7 @@ def test_folders_differ_by_id(files, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     command = ["trim", files / "scene.ply", files / "labels.npy", "--up", 0, 0, 1, *SMALL, "--views", 3, "--quiet"]
     for number in (3, 7):
-        assert run(*command, "--selection.object-id", number) == 0
+        assert run(*command, "--set", f"selection.object-id={number}") == 0
     assert sorted(path.name for path in (tmp_path / "trimmed").iterdir()) == [
         f"{files.name}-labels-{number}" for number in (3, 7)
     ]
@@ -216,7 +216,8 @@ def test_folders_of_trainings(files, tmp_path, capsys):
         place.mkdir(parents=True)
         formats.write(SCENE if iteration == 30000 else SCENE.select(slice(0, 9)), place / "point_cloud.ply")
     assert len(gt.read(tmp_path / "model")) == len(SCENE)
-    command = ["select", tmp_path / "model", "--sphere", 0, 0, 1, 1.2, "--output", tmp_path / "a.npy"]
+    ball = within(tmp_path / "ball.npy", SCENE, (0, 0, 1), 1.2)
+    command = ["select", tmp_path / "model", "--add", ball, "--output", tmp_path / "a.npy"]
     assert run(*command) == 0
     assert "iteration_30000" in capsys.readouterr().out.replace("\n", "")
     with pytest.raises(InputError, match="several splat files"):

@@ -9,13 +9,12 @@ import sys
 from contextlib import suppress
 
 from gaussian_trimmer._version import __version__
-from gaussian_trimmer.commands import COMMANDS, kind_of
+from gaussian_trimmer.commands import COMMANDS, command_in, parser_of
 from gaussian_trimmer.errors import InputError, did_you_mean, printable, user_message
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import Any
 
 PROGRAM = "gaussian-trimmer"
 
@@ -90,36 +89,31 @@ def _say_stopped(error: BaseException, written: Sequence[object]) -> None:
         print(f"{PROGRAM}: {printable(said, _MESSAGE_LENGTH)}", file=sys.stderr)
 
 
-def _dispatch(arguments: Sequence[str]) -> int:
-    name, used = arguments[0] if arguments else "--help", 1
-    if (two_words := " ".join(arguments[:2])) in COMMANDS:
-        name, used = two_words, 2
+def _dispatch(words: Sequence[str]) -> int:
+    name, further = command_in(words) if words else ("--help", ())
     if name in ("-h", "--help"):
         print(_overview())
     elif name == "--version":
         print(f"{PROGRAM} {__version__}")
-    elif name in COMMANDS and {"-h", "--help", "--help-all"}.intersection(arguments[used:]):
-        from gaussian_trimmer.commands.help import help_on
-
-        print(help_on(kind_of(name), f"{PROGRAM} {name}", everything="--help-all" in arguments))
+    elif name in COMMANDS and "--help-all" in further:
+        print(parser_of(name).format_help_all())
+    elif name in COMMANDS and {"-h", "--help"}.intersection(further):
+        print(parser_of(name).format_help())
     elif name in COMMANDS:
-        return _parse(name, arguments[used:]).run() or 0
+        arguments = parser_of(name).parse(further)
+        return arguments.run(arguments) or 0
     else:
+        from gaussian_trimmer.commands.gone import GONE
+
         cure = did_you_mean(name, COMMANDS) or f"available: {', '.join(COMMANDS)}."
-        raise InputError(f"Unknown command '{name}'; {cure}")
+        raise InputError(f"'{name}' is gone. {GONE[name]}" if name in GONE else f"Unknown command '{name}'; {cure}")
     return 0
-
-
-def _parse(name: str, arguments: Sequence[str]) -> Any:
-    from gaussian_trimmer.options import parse
-
-    return parse(kind_of(name), arguments, name)
 
 
 def _overview() -> str:
     width = max(map(len, COMMANDS)) + 2
     lines = [f"  {name:<{width}}{text}" for name, (_, text) in COMMANDS.items()]
     head = f"usage: {PROGRAM} COMMAND ...\n\nSharp object boundaries for 3D Gaussian Splatting segmentations.\n"
-    tail = f"\n{PROGRAM} COMMAND --help shows the usual options of a command, --help-all every setting.\n"
+    tail = f"\n{PROGRAM} COMMAND --help shows the options of a command, --help-all also every setting.\n"
     tail += f"{PROGRAM} --version prints the version."
     return "\n".join([head, *lines, tail])

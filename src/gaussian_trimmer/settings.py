@@ -12,13 +12,17 @@ configuration has one; a test sees to that.
 
 from __future__ import annotations
 
+import ast
+import inspect
+import textwrap
 import types
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from functools import cache
+from itertools import pairwise
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -44,6 +48,8 @@ Vector = tuple[_Component, _Component, _Component]
 Weight = Annotated[float, Range(0, 1000)]
 """How much something counts beside something else; 0: not at all."""
 _MAX_PATH = 4096
+_METAVARS = {int: "INT", float: "FLOAT", bool: "{true,false}"}
+Settings = TypeVar("Settings")
 Readers = Mapping[Any, Callable[[Any, str], Any]]
 _NONE: Readers = types.MappingProxyType({})
 
@@ -199,3 +205,103 @@ def _path(data: Any, where: str) -> Path:
     if not isinstance(data, str | Path) or not str(data) or "\0" in str(data) or len(str(data)) > _MAX_PATH:
         raise wrong_value(data, where, "a path" if isinstance(data, str) else "text")
     return Path(data)
+
+
+def settings_in(kind: type, prefix: str = "") -> dict[str, tuple[type, str, Any]]:
+    """Return a dataclass's settings by name, those of dataclasses within it with dots: owner, field and type of each.
+
+    >>> from gaussian_trimmer.trimming.config import TrimConfig
+    >>> settings_in(TrimConfig)["plan.views"][1]
+    'views'
+    """
+    found = dict[str, tuple[type, str, Any]]()
+    for name, hint in hints_of(kind).items():
+        spelt = prefix + name.replace("_", "-")
+        found |= settings_in(hint, f"{spelt}.") if is_dataclass(hint) else {spelt: (kind, name, hint)}  # type: ignore[arg-type]
+    return found
+
+
+def with_settings(base: Settings, given: Mapping[str, Any], group: str = "") -> Settings:
+    """Return a dataclass with other values for some settings.
+
+    Args:
+        base: the dataclass.
+        given: values by name, as `Parser.parse` returns them; names of other groups are left alone.
+        group: the group of the dataclass.
+    """
+    for name, value in given.items():
+        owner, _, own = name.rpartition(".") if group else ("", "", name)
+        if owner == group and own.split(".")[0].replace("-", "_") in {field.name for field in fields(base)}:  # type: ignore[arg-type]
+            base = _replaced(base, own.replace("-", "_").split("."), value)
+    return base
+
+
+def _replaced(base: Any, path: list[str], value: Any) -> Any:
+    first, *rest = path
+    return replace(base, **{first: _replaced(getattr(base, first), rest, value) if rest else value})
+
+
+def from_words(words: list[str], kind: Any, where: str) -> Any:
+    """Return the value of a kind that words stand for.
+
+    Raises:
+        InputError: it is not possible.
+    """
+    elements, kind = elements_of(kind), _given(kind)
+    if elements is None:
+        return from_plain(_plain(words[0], kind), kind, where)
+    kinds = elements[:1] * len(words) if elements[-1] is Ellipsis else elements
+    plain = [_plain(word, element) for word, element in zip(words, kinds, strict=False)]
+    return from_plain(plain if len(words) == len(kinds) else words, kind, where)
+
+
+def metavar_of(kind: Any) -> str:
+    """Return what stands for a value in help."""
+    if (elements := elements_of(kind)) is not None:
+        return " ".join("..." if element is Ellipsis else metavar_of(element) for element in elements)
+    kind = _bare(_given(kind))
+    if get_origin(kind) is Literal:
+        return "{" + ",".join(map(str, get_args(kind))) + "}"
+    return _METAVARS.get(kind, "PATH" if kind is Path else "TEXT")
+
+
+def docstrings(kind: type) -> dict[str, str]:
+    """Return what stands below each field in the source of a dataclass."""
+    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+    assert isinstance(tree, ast.ClassDef)
+    found = dict.fromkeys((field.name for field in fields(kind)), "")
+    for field, below in pairwise(tree.body):
+        match field, below:
+            case ast.AnnAssign(target=ast.Name(name)), ast.Expr(value=ast.Constant(str(text))):
+                found[name] = text
+    return found
+
+
+def _given(kind: Any) -> Any:
+    """Return the type of what is given: an optional one without None."""
+    return without_none(kind) if type(None) in get_args(kind) else kind
+
+
+def _bare(kind: Any) -> Any:
+    return get_args(kind)[0] if get_origin(kind) is Annotated else kind
+
+
+def elements_of(kind: Any) -> tuple[Any, ...] | None:
+    """Return the types of the values that a value consists of, the last may be an ellipsis; None if it is one."""
+    given = _given(kind)
+    return get_args(given) if get_origin(given) is tuple else None
+
+
+def _plain(word: str, kind: Any) -> Any:
+    """Return what a word stands for, as JSON would hold it; a word that is not of its type stays, and is refused."""
+    kind = _bare(_given(kind))
+    if get_origin(kind) is Literal:
+        return next((choice for choice in get_args(kind) if str(choice) == word), word)
+    if kind is bool:
+        return {"true": True, "false": False}.get(word.lower(), word)
+    if kind in (int, float):
+        try:
+            return kind(word)
+        except ValueError:
+            return word
+    return word

@@ -54,7 +54,7 @@ print({READY!r}, flush=True)
 write_private(output / "kept" / "project.json", project_as_json(session.now, output))
 save(session.now, output / "results", overwrite=True)
 """
-QUICK = ["--plan.size", "96", "--plan.views", "2", "--refine", "off", "--up", "z", "--quiet", "--overwrite"]
+QUICK = ["--set", "plan.size=96", "--views", "2", "--refine", "off", "--up", "z", "--quiet", "--overwrite"]
 TIMES = ("report.json", "manifest.json", "summary.csv")
 """What holds times, or sizes of files with times."""
 MINE = "mine.txt"
@@ -96,7 +96,7 @@ def works(folder: Path) -> dict[str, Work]:
         return ["-c", COMMAND, "trim", file, str(folder / f"{age}.npy"), "--output", str(output / "results"), *QUICK]
 
     def select(output: Path, age: str) -> list[str]:
-        marks = ["--sphere", "0", "0", "1", "1.2" if age == "new" else "1.1", "--up", "z", "--quiet", "--overwrite"]
+        marks = ["--add", str(folder / f"{age}.npy"), "--up", "z", "--quiet", "--overwrite"]
         return ["-c", COMMAND, "select", file, *marks, "--output", str(output / "rows.npy")]
 
     def batch(output: Path, age: str, *engine: str) -> list[str]:

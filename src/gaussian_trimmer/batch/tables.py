@@ -58,13 +58,13 @@ class Item:
     """What `trim` is told of it: scene, selection and options, but not where the results go."""
 
 
-def read_manifest(path: Path, options: Sequence[str], check: Callable[[Sequence[str]], str]) -> list[Item]:
+def read_manifest(path: Path, check: Callable[[Sequence[str]], tuple[str, Sequence[str]]]) -> list[Item]:
     """Return the items of a manifest.
 
     Args:
         path: the file.
-        options: words of options for all rows, which come before the row's own.
-        check: refuses words of `trim` that are not possible; returns what its folder would be called.
+        check: refuses words of `trim` that are not possible; returns what its folder would be called, and all words,
+            with those of the options of all rows.
 
     Raises:
         InputError: the file cannot be read, or rows are not possible; the message names the rows.
@@ -82,10 +82,9 @@ def read_manifest(path: Path, options: Sequence[str], check: Callable[[Sequence[
     items, wrong, ids_of_files = list[Item](), list[str](), dict[Path, list[int]]()
     for line, row in _rows(text):
         try:
-            for name, words in _trims_of(row, path.absolute().parent, options, ids_of_files):
-                items.append(Item(_checked_name(name or check(words)), tuple(words)))
-                if name:
-                    check(words)
+            for name, words in _trims_of(row, path.absolute().parent, ids_of_files):
+                folder, words_of_all = check(words)
+                items.append(Item(_checked_name(name or folder), tuple(words_of_all)))
         except InputError as error:
             wrong.append(f"line {line}: {error}")
     if wrong:
@@ -160,7 +159,7 @@ def _rows(text: str) -> Iterator[tuple[int, dict[str, Any]]]:
 
 
 def _trims_of(
-    row: dict[str, Any], folder: Path, options: Sequence[str], ids_of_files: dict[Path, list[int]]
+    row: dict[str, Any], folder: Path, ids_of_files: dict[Path, list[int]]
 ) -> Iterator[tuple[str, list[str]]]:
     """Yield the name, empty if there is none, and the words of each trim that a row asks for."""
     if None in row or None in row.values():
@@ -181,14 +180,14 @@ def _trims_of(
         raise InputError("It has objects, but no labels; name the file with an id for every Gaussian as labels.")
     if labels and not objects:
         raise InputError("It has labels, but no objects; give the ids to trim, as in '3 5 7', or 'all'.")
-    more = [*options, *option_words(cells["options"])]
+    more = option_words(cells["options"])
     more += ["--cameras", cameras] if cameras else []
     more += ["--up", *cells["up"].replace(",", " ").split()] if cells["up"] else []
     if not labels:
         yield name, [scene, *([selection] if selection else []), *more]
         return
     for number in _ids(objects, Path(labels), ids_of_files):
-        one = ["--selection.kind", "labels", "--selection.object-id", str(number)]
+        one = ["--set", "selection.kind=labels", "--set", f"selection.object-id={number}"]
         yield f"{name}/{number}" if name else "", [scene, labels, *more, *one]
 
 

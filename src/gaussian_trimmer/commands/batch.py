@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import io
+import re
 import traceback
+from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, redirect_stderr, suppress
-from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from pathlib import Path
 from signal import SIGINT
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from rich.console import Console
@@ -20,150 +21,173 @@ from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.batch.engines import on_processes, on_ray
 from gaussian_trimmer.batch.tables import Item, check_names, option_words, read_manifest, write_table
-from gaussian_trimmer.commands.console import PrintOptions
-from gaussian_trimmer.commands.trim import Trim
-from gaussian_trimmer.errors import InputError, printable, user_message
+from gaussian_trimmer.commands import parser_of, trim
+from gaussian_trimmer.commands.console import add_printing, console_of, print_json
+from gaussian_trimmer.errors import InputError, clip_name, printable, user_message
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Gaussians, quaternions_of
 from gaussian_trimmer.io.manifest import is_complete
 from gaussian_trimmer.io.reading import is_file, is_folder, read_json
 from gaussian_trimmer.io.stop_signals import Stopped
 from gaussian_trimmer.io.writing import make_folder, remove_leftovers
-from gaussian_trimmer.options import Positional, arg, parse
+from gaussian_trimmer.parser import Parser
 from gaussian_trimmer.settings import Range
+from gaussian_trimmer.trim_arguments import suffix_for
 
 SUMMARY = "summary.csv"
 _COUNTS = ("selected", "object", "kept", "cut", "removed", "discarded", "added")
 _BOX = ("x", "y", "z", "length", "width", "height", "qw", "qx", "qy", "qz")
 COLUMNS = ("name", "state", "message", *_COUNTS, *_BOX, "up_confidence", "seconds", "scene", "selection")
-_ShardNumber = Annotated[int, Range(1, 1_000_000)]
 MadeFrom = dict[str, Any]
 """What the report of an item says it was made from: version, words, and what `_stamp` says of each path."""
 
 
-@dataclass(frozen=True)
-class Batch:
-    """Trim many objects of many scenes, listed in manifests. What an earlier run has finished is not done again.
+ABOUT = """Trim many objects of many scenes, listed in manifests. What an earlier run has finished is not done again.
 
-    A manifest is a .csv with the columns scene, selection (or labels and objects), name, cameras, up and options; all
-    but scene may be left out. Results go to items/NAME in the output folder, with summary.csv beside them.
+A manifest is a .csv with the columns scene, selection (or labels and objects), name, cameras, up and options; all but
+scene may be left out. Results go to items/NAME in the output folder, with summary.csv beside them."""
+EXAMPLES = (
+    "gaussian-trimmer batch manifest.csv --output out",
+    "gaussian-trimmer batch found/*/batch.csv --output out",
+    'gaussian-trimmer batch manifest.csv --output out --options "--views 7 --no-write-background" --shard 1/4',
+)
+
+
+def add_arguments(parser: Parser) -> None:
+    """Say what the command takes."""
+    parser.describe(ABOUT, run, EXAMPLES)
+    manifests = "Tables of items, such as the batch.csv that 'objects' writes"
+    parser.add_argument("manifests", kind=tuple[Path, ...], metavar="MANIFEST ...", help=manifests)
+    output = Path("trimmed/batch")
+    parser.add_argument("--output", kind=Path, metavar="DIR", default=output, help="Folder for the results")
+    options = "Options of 'trim' for all items, such as \"--views 7\"; a row's own options override them"
+    parser.add_argument("--options", metavar="TEXT", default="", help=options)
+    workers = "Number of worker processes, each with a scene in memory; by default one for each processor"
+    parser.add_argument("--workers", kind=Annotated[int, Range(1, 100_000)], help=workers)
+    engine = "Where the workers run: on this machine, or on a Ray cluster (needs gaussian-trimmer[ray])"
+    parser.add_argument("--engine", kind=Literal["local", "ray"], default="local", help=engine)
+    address = "Address of the Ray cluster, or auto for the one that this machine is part of; by default one is started"
+    parser.add_argument("--address", metavar="ADDRESS", help=address)
+    shard = "Only this machine's share of the items: number I, from 1, of N machines"
+    parser.add_argument("--shard", metavar="I/N", help=shard)
+    add_printing(parser)
+
+
+def run(arguments: Namespace) -> None:
+    """Trim everything, and write the summary.
+
+    Raises:
+        InputError: a manifest or an option is not possible, or items have failed.
     """
+    console, output = console_of(arguments), arguments.output
+    number, shards = _shard(arguments.shard)
+    items, made_from = items_of(arguments)
+    mine = items[len(items) * (number - 1) // shards : len(items) * number // shards]
+    folders = {item.name: output.absolute() / "items" / item.name for item in items}
+    waiting = [item for item in mine if not _is_made(folders[item.name], made_from[item.name])]
+    earlier, failures, done = len(mine) - len(waiting), dict[str, str](), 0
+    tasks = [(item.words, folders[item.name], made_from[item.name]) for item in waiting]
+    try:
+        with _progress(console, len(mine), earlier) as show, closing(_results(arguments, tasks)) as results:
+            for task, failure in results:
+                done += 1
+                if failure:
+                    failures[waiting[task].name] = failure
+                show(waiting[task].name, failure)
+    except KeyboardInterrupt as signal:
+        said = f"Stopped after {earlier + done} of {len(mine)} items; the same command goes on."
+        raise Stopped(*(signal.args or (SIGINT,)), said) from signal
+    finally:
+        for item in waiting:
+            _remove_rest(folders[item.name], output.absolute())
+    rows = [_row_of(item, folders[item.name], made_from[item.name], failures.get(item.name, "")) for item in items]
+    make_folder(output)
+    write_table([{name: _as_text(cell) for name, cell in row.items()} for row in rows], output / SUMMARY)
+    _report_end(arguments, console, len(mine), earlier, failures, rows)
 
-    EXAMPLES: ClassVar[tuple[str, ...]] = (
-        "gaussian-trimmer batch manifest.csv --output out",
-        "gaussian-trimmer batch found/*/batch.csv --output out",
-        'gaussian-trimmer batch manifest.csv --output out --options "--views 7 --no-write-background" --shard 1/4',
-    )
 
-    manifests: Annotated[Positional[tuple[Path, ...]], arg(metavar="MANIFEST ...")]
-    """Tables of items, such as the batch.csv that 'objects' writes."""
-    output: Annotated[Path, arg(metavar="DIR")] = Path("trimmed/batch")
-    """Folder for the results."""
-    options: Annotated[str, arg(metavar="TEXT", of_options=True)] = ""
-    """Options of 'gaussian-trimmer trim' for all items, such as "--views 7". A row's own options override them."""
-    workers: Annotated[int, Range(1, 100_000)] | None = None
-    """Number of worker processes, each with a scene in memory. By default one for each processor."""
-    engine: Literal["local", "ray"] = "local"
-    """Where the workers run: on this machine, or on a Ray cluster (needs gaussian-trimmer[ray])."""
-    address: Annotated[str | None, arg(metavar="ADDRESS")] = None
-    """Address of the Ray cluster, or auto for the one that this machine is part of. By default one is started here."""
-    shard: Annotated[tuple[_ShardNumber, _ShardNumber] | None, arg(metavar="I/N")] = None
-    """Only this machine's share of the items: number I, from 1, of N machines."""
-    printing: Annotated[PrintOptions, arg(name="")] = field(default_factory=PrintOptions)
+def items_of(arguments: Namespace) -> tuple[list[Item], dict[str, MadeFrom]]:
+    """Return all items, and by their names what they are made from; all files are looked at.
 
-    def run(self) -> None:
-        """Trim everything, and write the summary.
+    Raises:
+        InputError: a manifest, an option or a file that a row names is not possible.
+    """
+    if arguments.engine == "local" and arguments.address is not None:
+        raise InputError("An address is that of a cluster; leave it out, or use the engine ray.")
+    if arguments.address is not None and arguments.workers is not None:
+        raise InputError("A cluster that is there shares out its processors itself; leave the workers out.")
+    try:
+        common = parser_of("trim").parse(option_words(arguments.options))
+    except InputError as error:
+        raise InputError(f"--options: {error}") from error
+    stamp, files = cache(_stamp), dict[tuple[str, ...], dict[str, list[int]]]()
+    whole, in_parts = set[Path](), set[Path]()
+    added, plain = parser_of("trim"), parser_of("trim")
 
-        Raises:
-            InputError: a manifest or an option is not possible, or items have failed.
-        """
-        console = self.printing.console()
-        items, made_from = self._items()
-        number, shards = self.shard or (1, 1)
-        mine = items[len(items) * (number - 1) // shards : len(items) * number // shards]
-        folders = {item.name: self.output.absolute() / "items" / item.name for item in items}
-        waiting = [item for item in mine if not _is_made(folders[item.name], made_from[item.name])]
-        earlier, failures, done = len(mine) - len(waiting), dict[str, str](), 0
-        tasks = [(item.words, folders[item.name], made_from[item.name]) for item in waiting]
-        try:
-            with _progress(console, len(mine), earlier) as show, closing(self._results(tasks)) as results:
-                for task, failure in results:
-                    done += 1
-                    if failure:
-                        failures[waiting[task].name] = failure
-                    show(waiting[task].name, failure)
-        except KeyboardInterrupt as signal:
-            said = f"Stopped after {earlier + done} of {len(mine)} items; the same command goes on."
-            raise Stopped(*(signal.args or (SIGINT,)), said) from signal
-        finally:
-            for item in waiting:
-                _remove_rest(folders[item.name], self.output.absolute())
-        rows = [_row_of(item, folders[item.name], made_from[item.name], failures.get(item.name, "")) for item in items]
-        make_folder(self.output)
-        write_table([{name: _as_text(cell) for name, cell in row.items()} for row in rows], self.output / SUMMARY)
-        self._report_end(console, len(mine), earlier, failures, rows)
+    def check(words: Sequence[str]) -> tuple[str, Sequence[str]]:
+        item = added.parse(words, common)
+        known, folder = tuple(plain.words_of(item)[1:]), trim.folder_of(item).name
+        (in_parts if item.selection or item.in_order else whole).add(item.scene)
+        item.scene = trim.scene_of(item)
+        files[known] = {str(path): stamp(path) for path in _inputs(item)}
+        trim.check(item)
+        suffix_for(item)
+        return folder, known
 
-    def _items(self) -> tuple[list[Item], dict[str, MadeFrom]]:
-        """Return all items, and by their names what they are made from; all files are looked at."""
-        if self.engine == "local" and self.address is not None:
-            raise InputError("An address is that of a cluster; leave it out, or use the engine ray.")
-        if self.address is not None and self.workers is not None:
-            raise InputError("A cluster that is there shares out its processors itself; leave the workers out.")
-        if self.shard is not None and self.shard[0] > self.shard[1]:
-            raise InputError(f"The shard is {self.shard[0]}/{self.shard[1]}; give i/n with i from 1 to n.")
-        try:
-            parse(Trim, ["scene.ply", *(options := option_words(self.options))], "trim")
-        except InputError as error:
-            raise InputError(f"--options: {error}") from error
-        stamp, files = cache(_stamp), dict[tuple[str, ...], dict[str, list[int]]]()
-        whole, in_parts = set[Path](), set[Path]()
+    items = [item for path in arguments.manifests for item in read_manifest(path, check)]
+    check_names(items)
+    if both := whole & in_parts:
+        raise InputError(f"'{min(both)}' has a row without a selection beside others with one; say what it is.")
+    return items, {
+        item.name: {"version": __version__, "command": list(item.words), "files": files[item.words]} for item in items
+    }
 
-        def check(words: Sequence[str]) -> str:
-            command = parse(Trim, words, "trim")
-            files[tuple(words)] = {str(path): stamp(path) for path in _inputs(command)}
-            command.check()
-            command.to_read().suffix(command.options)
-            (in_parts if command.selection or command.marks.marks() else whole).add(command.inputs.scene)
-            return command.folder().name
 
-        items = [item for path in self.manifests for item in read_manifest(path, options, check)]
-        check_names(items)
-        if both := whole & in_parts:
-            raise InputError(f"'{min(both)}' has a row without a selection beside others with one; say what it is.")
-        return items, {
-            item.name: {"version": __version__, "command": list(item.words), "files": files[item.words]}
-            for item in items
-        }
+def _shard(text: str | None) -> tuple[int, int]:
+    """Return the number of this machine, from 1, and that of all."""
+    if text is None:
+        return 1, 1
+    found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
+    if found is None or not 1 <= int(found[1]) <= int(found[2]):
+        raise InputError(f"The shard is {clip_name(text)}; give i/n with i from 1 to n.")
+    return int(found[1]), int(found[2])
 
-    def _results(self, tasks: Sequence[tuple[Any, ...]]) -> Any:
-        """Return an iterator over the numbers of tasks and what has failed of them, as they end."""
-        if self.engine == "ray":
-            return on_ray(trim_item, tasks, self.workers, self.address)
-        return on_processes(trim_item, tasks, self.workers)
 
-    def _report_end(
-        self, console: Console, total: int, earlier: int, failures: dict[str, str], rows: list[dict[str, Any]]
-    ) -> None:
-        """Say what became of the batch, as an error if items have failed."""
-        found = f" ({earlier} earlier)" if earlier else ""
-        lost = f", {len(failures)} failed" if failures else ""
-        console.print(f"{total - len(failures)} of {total} done{found}{lost}; see {self.output / SUMMARY}.")
-        self.printing.print_json({"folder": str(self.output), "items": rows})
-        if failures:
-            first, failure = next(iter(failures.items()))
-            why = f", since: {failure}" if console.quiet else "."  # else that has been printed
-            raise InputError(
-                f"{len(failures)} of {total} items failed, the first is {first}{why} All are in "
-                f"{self.output / SUMMARY}."
-            )
+def _results(arguments: Namespace, tasks: Sequence[tuple[Any, ...]]) -> Any:
+    """Return an iterator over the numbers of tasks and what has failed of them, as they end."""
+    if arguments.engine == "ray":
+        return on_ray(trim_item, tasks, arguments.workers, arguments.address)
+    return on_processes(trim_item, tasks, arguments.workers)
+
+
+def _report_end(
+    arguments: Namespace,
+    console: Console,
+    total: int,
+    earlier: int,
+    failures: dict[str, str],
+    rows: list[dict[str, Any]],
+) -> None:
+    """Say what became of the batch, as an error if items have failed."""
+    found = f" ({earlier} earlier)" if earlier else ""
+    lost = f", {len(failures)} failed" if failures else ""
+    output = arguments.output
+    console.print(f"{total - len(failures)} of {total} done{found}{lost}; see {output / SUMMARY}.")
+    print_json(arguments, {"folder": str(output), "items": rows})
+    if failures:
+        first, failure = next(iter(failures.items()))
+        why = f", since: {failure}" if console.quiet else "."  # else that has been printed
+        raise InputError(
+            f"{len(failures)} of {total} items failed, the first is {first}{why} All are in {output / SUMMARY}."
+        )
 
 
 def trim_item(words: Sequence[str], folder: Path, made_from: MadeFrom) -> str:
     """Trim an item as the command does; return why it failed, or nothing."""
     try:
         with redirect_stderr(io.StringIO()):  # what it warns of is in its report
-            command = parse(Trim, [*words, "--output", str(folder), "--overwrite", "--quiet"], "trim")
-            command.run(lambda scene, level, say: _read_scene(scene, level), {"made_from": made_from})
+            item = parser_of("trim").parse([*words, "--output", str(folder), "--overwrite", "--quiet"])
+            trim.run(item, lambda scene, level, say: _read_scene(scene, level), {"made_from": made_from})
     except Exception as error:  # A defect of the program must not stop the other items.
         place = traceback.extract_tb(error.__traceback__)[-1]
         defect = f"A defect of the program: {type(error).__name__}: {error} ({place.filename}, line {place.lineno})."
@@ -177,12 +201,11 @@ def _read_scene(path: Path, level: int | None) -> Gaussians:
     return formats.read(path, level=level)
 
 
-def _inputs(command: Trim) -> list[Path]:
+def _inputs(arguments: Namespace) -> list[Path]:
     """Return the files and folders that a trim reads, without those that it finds in them."""
-    scene = identify(command.to_read().scene).scene
-    found = [path for path in command.files() if path != command.inputs.scene]
-    found += [path for path in (command.inputs.cameras, command.labels) if path is not None]
-    return [*formats.scene_files(scene, command.options.level), *found]
+    found = [path for path in trim.files_of(arguments) if path != arguments.scene]
+    found += [path for path in (arguments.cameras, arguments.labels) if path is not None]
+    return [*formats.scene_files(identify(arguments.scene).scene, arguments.level), *found]
 
 
 def _stamp(path: Path) -> list[int]:

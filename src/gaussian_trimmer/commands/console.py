@@ -6,11 +6,11 @@ import json
 import logging
 import os
 import sys
+from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -18,6 +18,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.io.manifest import earlier_results
+from gaussian_trimmer.parser import PROGRAM
 from gaussian_trimmer.trimming.clock import LOG
 from gaussian_trimmer.trimming.up_vector import UpVector, up_text
 
@@ -40,7 +41,6 @@ _STAGES = {
 }
 _PROGRESS_STEPS = len(_STAGES) + 1
 """Views are rendered twice: before the labels are corrected, and after."""
-_PROGRAM = "gaussian-trimmer"
 _COMPILING = "Compiling kernels, once per installation: about 10 seconds."
 _COMPILING_AGAIN = (
     "Compiling kernels: about 10 seconds. They cannot be kept, since no folder for them is writable; "
@@ -48,36 +48,37 @@ _COMPILING_AGAIN = (
 )
 
 
-@dataclass(frozen=True)
-class PrintOptions:
-    """What is printed on standard output."""
-
-    quiet: bool = False
-    """Print nothing but errors."""
-    json: bool = False
-    """Print one JSON document on standard output, and nothing else there: what was made, and where it is."""
-
-    def console(self, log_level: str | None = None) -> Console:
-        """Return what to print to."""
-        return open_console(quiet=self.quiet or self.json, log_level=log_level)
-
-    def print_json(self, document: Mapping[str, Any], results: tuple[Path, str] | None = None) -> None:
-        """Print a JSON document if it is asked for, with the files of `results`: a folder and its manifest's kind."""
-        if not self.json:
-            return
-        if results is not None:
-            document = {**document, "folder": str(results[0]), "files": earlier_results(*results)}
-        print(json.dumps(document, allow_nan=False))
+def add_printing(group: Any, *, log: bool = False) -> None:
+    """Add what is printed to a group of arguments."""
+    group.add_argument("--quiet", kind=bool, help="Print nothing but errors")
+    group.add_argument("--json", kind=bool, help="Print one JSON document instead: what was made, and where it is")
+    if log:
+        levels = Literal["debug", "info", "warning", "error"]
+        group.add_argument("--log-level", kind=levels, rare=True, help="Log each stage on standard error")
 
 
-def open_console(*, quiet: bool, log_level: str | None = None) -> Console:
-    """The terminal, or standard output. Errors go elsewhere, and so does the log, which begins if it has a level."""
-    if log_level is not None:
+def console_of(arguments: Namespace) -> Console:
+    """Return what to print to. Errors go elsewhere, and so does the log, which begins if it has a level."""
+    if getattr(arguments, "log_level", None) is not None:
         handler = logging.StreamHandler()
         handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
         LOG.handlers = [handler]
-        LOG.setLevel(log_level.upper())
+        LOG.setLevel(arguments.log_level.upper())
+    return open_console(quiet=arguments.quiet or arguments.json)
+
+
+def open_console(*, quiet: bool) -> Console:
+    """Return the terminal, or standard output."""
     return _PlainConsole(quiet=quiet, highlight=False, markup=False, soft_wrap=True)
+
+
+def print_json(arguments: Namespace, document: Mapping[str, Any], results: tuple[Path, str] | None = None) -> None:
+    """Print a JSON document if it is asked for, with the files of `results`: a folder and its manifest's kind."""
+    if not arguments.json:
+        return
+    if results is not None:
+        document = {**document, "folder": str(results[0]), "files": earlier_results(*results)}
+    print(json.dumps(document, allow_nan=False))
 
 
 class _PlainConsole(Console):
@@ -138,7 +139,7 @@ def print_warnings(report: Mapping[str, Any]) -> None:
             found.setdefault(sentence, []).append(title_of(entry["name"]))
     for sentence, titles in found.items():
         whose = "" if len(titles) == len(report["objects"]) else f"{', '.join(titles)}: "
-        print(f"{_PROGRAM}: {printable(whose + sentence)}", file=sys.stderr)
+        print(f"{PROGRAM}: {printable(whose + sentence)}", file=sys.stderr)
 
 
 def refuse_existing(path: Path, *, inputs: Iterable[Path] = (), overwrite: bool) -> None:

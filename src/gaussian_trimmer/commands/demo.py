@@ -3,55 +3,39 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
+from argparse import Namespace
 from pathlib import Path
-from typing import Annotated
 
 from gaussian_trimmer import sample
-from gaussian_trimmer.commands.console import PrintOptions, open_console
-from gaussian_trimmer.commands.scene_inputs import SceneInputs
-from gaussian_trimmer.commands.trim import Trim
-from gaussian_trimmer.commands.trim_run import ResultOptions
-from gaussian_trimmer.options import arg
+from gaussian_trimmer.commands import parser_of
+from gaussian_trimmer.commands.console import open_console
+from gaussian_trimmer.parser import PROGRAM, Parser
 
-_FOLDER = Path("trimmed") / "demo"
+ABOUT = "Trim an object of the sample scene that comes with the program, and say where the results are."
 
 
-@dataclass(frozen=True)
-class Demo:
-    """Trim an object of the sample scene that comes with the program, and say where the results are."""
+def add_arguments(parser: Parser) -> None:
+    """Say what the command takes."""
+    parser.describe(ABOUT, run)
+    output = "Folder for the results (default: trimmed/demo, where every run replaces those of the last)"
+    parser.add_argument("--output", kind=Path, metavar="DIR", help=output)
+    parser.add_argument("--overwrite", kind=bool, help="Replace earlier results in the output folder")
+    parser.add_argument("--quiet", kind=bool, help="Print nothing but errors")
 
-    output: Annotated[Path | None, arg(metavar="DIR", default="trimmed/demo")] = None
-    """Folder for the results. Every run replaces those in trimmed/demo."""
-    overwrite: bool = False
-    """Replace earlier results in the output folder. Other files in it are left alone."""
-    quiet: bool = False
-    """Print nothing but errors."""
 
-    def run(self) -> int:
-        """Trim and write the results; exit code and errors are those of `Trim.run`."""
-        console = open_console(quiet=self.quiet)
-        console.print(
-            "The sample: a toy lighthouse on a table, roughly selected, with parts of the table around its foot."
-        )
-        folder = self.output or _FOLDER
-        code = Trim(
-            SceneInputs(sample.SCENE, sample.CAMERAS),
-            sample.SELECTION,
-            output=folder,
-            results=ResultOptions(
-                overwrite=self.overwrite or self.output is None,
-                printing=PrintOptions(quiet=self.quiet),
-                html=True,
-            ),
-        ).run()
-        console.print(
-            f"\nLook first at {folder / 'report.html'} in a browser: before and after, and what was done.\n"
-            f"{folder / 'before_after.png'}: selection, trimmed object and the scene without it, in one picture.\n"
-            f"{folder / 'object.ply'} and {folder / 'background.ply'}: for any splat viewer.\n"
-            f"{folder / 'views'}: where the outline was drawn. {folder / 'report.json'}: all numbers."
-        )
-        console.print("The same by hand:")
-        command = ["gaussian-trimmer", "trim", sample.SCENE, sample.SELECTION, "--cameras", sample.CAMERAS, "--html"]
-        console.print(f"  {shlex.join(map(str, command))}")
-        return code
+def run(arguments: Namespace) -> int:
+    """Trim and write the results; exit code and errors are those of `trim`."""
+    console, folder = open_console(quiet=arguments.quiet), arguments.output or Path("trimmed") / "demo"
+    console.print("The sample: a toy lighthouse on a table, roughly selected, with parts of the table around its foot.")
+    words = [*map(str, [sample.SCENE, sample.SELECTION, "--cameras", sample.CAMERAS]), "--html"]
+    own = ["--output", str(folder), *(["--overwrite"] if arguments.overwrite or arguments.output is None else [])]
+    trim = parser_of("trim").parse([*words, *own, *(["--quiet"] if arguments.quiet else [])])
+    code: int = trim.run(trim)
+    console.print(
+        f"\nLook first at {folder / 'report.html'} in a browser: before and after, and what was done.\n"
+        f"{folder / 'before_after.png'}: selection, trimmed object and the scene without it, in one picture.\n"
+        f"{folder / 'object.ply'} and {folder / 'background.ply'}: for any splat viewer.\n"
+        f"{folder / 'views'}: where the outline was drawn. {folder / 'report.json'}: all numbers."
+    )
+    console.print(f"The same by hand:\n  {shlex.join([PROGRAM, 'trim', *words])}")
+    return code

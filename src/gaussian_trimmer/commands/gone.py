@@ -12,14 +12,17 @@ GONE = {
     "--photos": "Make masks of the photographs with any tool, and give their folder with --masks.",
     "--export-viewer": "Open object.ply in any splat viewer; splat-transform writes a page that holds a scene.",
     "--viewer-part": "Open object.ply or background.ply in any splat viewer.",
-    "--box3d": "Cut by boxes in the app ('view'), or give booleans of your own as the selection.",
-    "--sphere": "Cut by balls in the app ('view'), or give booleans of your own as the selection.",
-    "--plane": "Cut by planes in the app ('view'), or give booleans of your own as the selection.",
     "--no-background": "Give --no-write-background; in a batch, --options --no-write-background.",
     "--memory": "Give --workers: each has a scene in memory.",
     "--gpus": "Leave it out: trims run on the CPU.",
     "--time-limit": "Leave it out; 'timeout' or a scheduler ends a batch, and the same command goes on.",
     "--retries": "Start the batch again: it tries what is not finished.",
     "--retry-failed": "Leave it out: what has failed is tried again.",
+    "--coordinates": "It was for boxes, balls and planes, which the app ('view') has.",
+    **{
+        f"--{effect}{volume}": "Cut by boxes, balls and planes in the app ('view'), or give booleans: --add FILE."
+        for effect in ("", "remove-", "intersect-")
+        for volume in ("box3d", "sphere", "plane")
+    },
 }
 """Commands and options of the last release -> a sentence with the cure. An entry stays for one release."""

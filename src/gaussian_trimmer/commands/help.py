@@ -11,12 +11,14 @@ import inspect
 import re
 import shutil
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import MISSING
 from functools import cache
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
 
-from gaussian_trimmer.options import Option, options_of
+from gaussian_trimmer.options import Option, options_of, parse
 
 HELP_ALL = "--help-all"
 _MAX_WIDTH, _COLUMN = 110, 26
@@ -119,3 +121,23 @@ def _docstrings(kind: type) -> dict[str, str]:
                 case ast.AnnAssign(target=ast.Name(name)), ast.Expr(value=ast.Constant(str(text))):
                     found[name] = text
     return found
+
+
+class DataclassParser:
+    """Reads the words of a command that is a dataclass."""
+
+    def __init__(self, command: str, kind: Any) -> None:
+        self.command, self.kind = command, kind
+
+    def parse(self, words: Sequence[str]) -> Any:
+        """Return something whose `run` runs the command."""
+        made = parse(self.kind, words, self.command)
+        return SimpleNamespace(run=lambda _: made.run(), made=made)
+
+    def format_help(self, everything: bool = False) -> str:
+        """Return what `--help` shows."""
+        return help_on(self.kind, f"gaussian-trimmer {self.command}", everything=everything)
+
+    def format_help_all(self) -> str:
+        """Return what `--help-all` shows."""
+        return self.format_help(everything=True)

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import shlex
+from argparse import Namespace
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.commands.console import PrintOptions
+from gaussian_trimmer.commands.console import add_printing, console_of, print_json
 from gaussian_trimmer.errors import InputError, clip_name, printable
 from gaussian_trimmer.formats.identify import FORMATS, SELECTION_SUFFIXES, STREAMED, Identity, identify
 from gaussian_trimmer.formats.packing import are_discs
 from gaussian_trimmer.formats.streamed_sog import open_streamed
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import is_file, read_json
-from gaussian_trimmer.options import Positional, arg
+from gaussian_trimmer.parser import Parser
 from gaussian_trimmer.selecting.marks import KINDS, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, arrays_that_select, offered_kinds
 from gaussian_trimmer.selection_files.feature_kinds import classifier_of
@@ -28,7 +28,9 @@ from gaussian_trimmer.selection_files.kinds import LABEL_NAMES, MASK
 from gaussian_trimmer.selection_files.labels import count_ids, list_ids, list_names
 from gaussian_trimmer.selection_files.row_matching import has_identity_features
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, flag, open_selection
+from gaussian_trimmer.trim_arguments import LEVEL, TRUST
 
+ABOUT = "Say what splat files, selections and camera files hold, and how a selection can be used."
 _FAINT_OPACITY, _SOLID_OPACITY = 0.05, 0.95
 _MAX_LISTED = 24
 _FEATURES = f"selects with {flag('classifier')} and {flag('object_id')}, or with {flag('query_row')}"
@@ -42,33 +44,28 @@ _USES_BY_KIND = {
 }
 
 
-@dataclass(frozen=True)
-class Info:
-    """Say what splat files, selections and camera files hold, and how a selection can be used."""
+def add_arguments(parser: Parser) -> None:
+    """Say what the command takes."""
+    parser.describe(ABOUT, run)
+    parser.add_argument("files", kind=tuple[Path, ...], metavar="FILE ...", help="Files, or folders with cameras")
+    parser.add_argument("--level", kind=int, metavar="N", help=LEVEL)
+    parser.add_argument("--trust-paths", kind=bool, help=TRUST)
+    add_printing(parser)
 
-    files: Positional[tuple[Path, ...]]
-    """Files, or folders with cameras."""
-    level: Annotated[int | None, arg(metavar="N", default="the finest that memory allows")] = None
-    """Level of detail of streamed SOGs (lod-meta.json) to describe; 0 is the finest."""
-    trust_paths: bool = False
-    """Open pictures that a transforms.json names outside its folder, if it does not say their size."""
-    printing: Annotated[PrintOptions, arg(name="")] = field(default_factory=PrintOptions)
 
-    def run(self) -> None:
-        """Print a paragraph on every file.
+def run(arguments: Namespace) -> None:
+    """Print a paragraph on every file.
 
-        Raises:
-            InputError: no file is named, or one is missing, of no known kind, or damaged.
-        """
-        if not self.files:
-            raise InputError("Name at least one file.")
-        console, files = self.printing.console(), list[dict[str, Any]]()
-        for path in self.files:
-            facts = dict[str, Any]()
-            said = describe_file(path, level=self.level, trust_paths=self.trust_paths, facts=facts)
-            console.print(said)
-            files.append({"file": str(path), "said": said, **facts})
-        self.printing.print_json({"files": files})
+    Raises:
+        InputError: a file is missing, of no known kind, or damaged.
+    """
+    console, files = console_of(arguments), list[dict[str, Any]]()
+    for path in arguments.files:
+        facts = dict[str, Any]()
+        said = describe_file(path, level=arguments.level, trust_paths=arguments.trust_paths, facts=facts)
+        console.print(said)
+        files.append({"file": str(path), "said": said, **facts})
+    print_json(arguments, {"files": files})
 
 
 def describe_file(
@@ -247,7 +244,7 @@ def _selection_lines(file: SelectionFile, facts: dict[str, Any]) -> Iterator[str
         yield "selects the listed rows of a scene with more Gaussians"
     if not kinds:
         by_name = arrays_that_select(file, n, options)
-        named = f"selects from a scene of {n} Gaussians by one of these arrays, with {flag('property')} NAME"
+        named = f"selects from a scene of {n} Gaussians by one of these arrays, with {flag('property', 'NAME')}"
         yield named if by_name else "holds no selection of a known kind"
 
 

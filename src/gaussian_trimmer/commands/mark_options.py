@@ -1,122 +1,94 @@
-"""Marks on the command line: clicks, boxes, volumes and files, in the order in which they are given."""
+"""Marks on the command line: clicks, boxes and selection files, in the order in which they are given."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from argparse import Namespace
+from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.options import Ordered, arg
-from gaussian_trimmer.selecting.marks import Box, Box3D, Click, Effect, FromFile, Grow, Mark, Shrink, Sphere
+from gaussian_trimmer.parser import Parser
+from gaussian_trimmer.selecting.marks import Box, Click, Effect, FromFile, Grow, Mark, Shrink
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import Range
 
-_Number = Annotated[float, Range(-1e30, 1e30)]
-_Pixel = tuple[int, int]
-_PixelBox = tuple[int, int, int, int]
-_Four = tuple[_Number, _Number, _Number, _Number]
-_Six = tuple[_Number, _Number, _Number, _Number, _Number, _Number]
 _Spacings = Annotated[float, Range(0.01, 1000)]
 _IDS = re.compile(r"(?P<path>.+)#(?P<ids>-?\d+(?:,-?\d+)*)")
-_EFFECTS: dict[str, Effect] = {"": "add", "remove": "remove", "intersect": "intersect"}
-_FILE_EFFECTS: dict[str, Effect] = {"add": "add", "subtract": "remove", "intersect": "intersect"}
+_VIEWS = ("view", "view_index")
+_PIXELS = ("click", "remove_click", "box", "remove_box")
+_EFFECTS: dict[str, Effect] = {"add": "add", "subtract": "remove", "intersect": "intersect"}
+_OPTIONS: tuple[tuple[str, Any, str, str], ...] = (
+    ("--view", str, "NAME", "View of the clicks and boxes that follow, by the name or number of its picture"),
+    ("--view-index", int, "INT", "The same by its number, from 0"),
+    ("--click", tuple[int, int], "X Y", "Pixel on the object, or in the middle of what is missing"),
+    ("--remove-click", tuple[int, int], "X Y", "Pixel in the middle of what is selected but should not be"),
+    ("--box", tuple[int, int, int, int], "X0 Y0 X1 Y1", "Box around the object: left, top, right, bottom"),
+    ("--remove-box", tuple[int, int, int, int], "X0 Y0 X1 Y1", "Box around what should not be selected"),
+    ("--add", str, "FILE[#ID,...]", "Add what a selection file of any kind selects; #ID picks objects in it"),
+    ("--subtract", str, "FILE[#ID,...]", "Take away what a selection file selects"),
+    ("--intersect", str, "FILE[#ID,...]", "Keep only what a selection file selects"),
+    ("--grow", _Spacings, "SPACINGS", "Add what lies this near to the selection, in distances between neighbours"),
+    ("--shrink", _Spacings, "SPACINGS", "Take away what lies this near to what is not selected"),
+)
 
 
-@dataclass(frozen=True)
-class MarkOptions:
-    """What to select. Marks apply in the order given: each adds, removes, or keeps only what it means."""
+def add_marks(parser: Parser, *, rare: bool = False) -> None:
+    """Add what to select. Marks apply in the order given, and each may be repeated."""
+    group = parser.add_argument_group("marks, in any number and order")
+    for flag, kind, metavar, help in _OPTIONS:
+        group.add_argument(flag, action="mark", kind=kind, metavar=metavar, help=help, rare=rare)
 
-    view: Annotated[Ordered[str], arg(metavar="NAME")] = ()
-    """View of the clicks and boxes that follow, by the name of its picture. The ending may be left out, and a number
-    is understood. May be repeated; a single one may also follow them."""
-    view_index: Annotated[Ordered[int], arg(metavar="INT")] = ()
-    """The same by its number, from 0."""
-    click: Annotated[Ordered[_Pixel], arg(metavar="X Y")] = ()
-    """Pixel on the object, from the left and the top. Once something is selected, a pixel in the middle of what is
-    missing. May be repeated, as all marks."""
-    remove_click: Annotated[Ordered[_Pixel], arg(metavar="X Y")] = ()
-    """Pixel in the middle of what is selected but should not be."""
-    box: Annotated[Ordered[_PixelBox], arg(metavar="X0 Y0 X1 Y1")] = ()
-    """Box around the object: left, top, right, bottom."""
-    remove_box: Annotated[Ordered[_PixelBox], arg(metavar="X0 Y0 X1 Y1")] = ()
-    """Box around what should not be selected."""
-    box3d: Annotated[Ordered[_Six], arg(metavar="X0 Y0 Z0 X1 Y1 Z1")] = ()
-    """Select everything inside this box."""
-    remove_box3d: Annotated[Ordered[_Six], arg(metavar="X0 Y0 Z0 X1 Y1 Z1")] = ()
-    """Deselect everything inside this box."""
-    intersect_box3d: Annotated[Ordered[_Six], arg(metavar="X0 Y0 Z0 X1 Y1 Z1")] = ()
-    """Deselect everything outside this box."""
-    sphere: Annotated[Ordered[_Four], arg(metavar="X Y Z RADIUS")] = ()
-    """Select everything inside this ball."""
-    remove_sphere: Annotated[Ordered[_Four], arg(metavar="X Y Z RADIUS")] = ()
-    """Deselect everything inside this ball."""
-    intersect_sphere: Annotated[Ordered[_Four], arg(metavar="X Y Z RADIUS")] = ()
-    """Deselect everything outside this ball."""
-    coordinates: Literal["scene", "up"] = "scene"
-    """Coordinates of 3D boxes and balls: the scene's own, or turned so that z is up."""
-    add: Annotated[Ordered[str], arg(metavar="FILE[#ID,...]")] = ()
-    """Add what a selection file of any kind selects; #ID picks objects in it."""
-    subtract: Annotated[Ordered[str], arg(metavar="FILE[#ID,...]")] = ()
-    """Take away what a selection file selects."""
-    intersect: Annotated[Ordered[str], arg(metavar="FILE[#ID,...]")] = ()
-    """Keep only what a selection file selects."""
-    grow: Annotated[Ordered[_Spacings], arg(metavar="SPACINGS")] = ()
-    """Add what lies this near to the selection, in median distances between its neighbouring Gaussians."""
-    shrink: Annotated[Ordered[_Spacings], arg(metavar="SPACINGS")] = ()
-    """Take away what lies this near to Gaussians that are not selected."""
-    given: Annotated[tuple[tuple[str, Any], ...], arg(order=True)] = ()
-    """Names and values of all views and marks, in the order in which they were given."""
 
-    def marks(self) -> list[Mark]:
-        """The marks, in order; views by name or number.
+def marks_of(arguments: Namespace) -> list[Mark]:
+    """Return the marks, in order; views by name or number. A single view may also follow its pixels.
 
-        Raises:
-            InputError: a click or a box has no view, or it is not clear which.
-        """
-        single: list[str | int] = [*self.view, *self.view_index]
-        current: str | int | None = single[0] if len(single) == 1 else None
-        marks: list[Mark] = []
-        for name, value in self.given:
-            if name in ("view", "view_index"):
-                current = value
-            else:
-                marks.append(self._mark(name, value, current))
-        return marks
-
-    @property
-    def files(self) -> list[Path]:
-        """Selection files that are combined."""
-        return [_file(text)[0] for text in (*self.add, *self.subtract, *self.intersect)]
-
-    def _mark(self, name: str, value: Any, view: str | int | None) -> Mark:
-        if name in _FILE_EFFECTS:
+    Raises:
+        InputError: a click or a box has no view, or a view has neither.
+    """
+    names, views = [name for name, _ in arguments.in_order], views_of(arguments)
+    if views and not set(names) & set(_PIXELS) and "selection.query-point" not in arguments.settings:
+        raise InputError(
+            "--view names the picture of a --click or --box, and there is none; leave it out. The number of virtual "
+            "views is --views."
+        )
+    for name, following in pairwise([*names, "view"] if len(views) > 1 else ()):
+        if name in _VIEWS and following in _VIEWS:
+            raise InputError("A view has no --click or --box after it, before the next one; leave it out.")
+    current, marks = views[0] if len(views) == 1 else None, list[Mark]()
+    for name, value in arguments.in_order:
+        if name in _VIEWS:
+            current = value
+        elif name in _EFFECTS:
             path, ids = _file(value)
-            return FromFile(path, SelectionOptions(object_id=ids), _FILE_EFFECTS[name])
-        if name in ("grow", "shrink"):
-            return Grow(value) if name == "grow" else Shrink(value)
-        prefix, _, kind = name.rpartition("_")
-        effect = _EFFECTS[prefix]
-        if kind == "box3d":
-            return Box3D(value[:3], value[3:], self.coordinates, effect)
-        if kind == "sphere":
-            return Sphere(value[:3], value[3], self.coordinates, effect)
-        if view is None:
-            if self.view or self.view_index:
-                raise InputError(
-                    f"A {kind} comes before the first of several views; name its view before it: --view NAME."
-                )
+            marks.append(FromFile(path, SelectionOptions(object_id=ids), _EFFECTS[name]))
+        elif name in ("grow", "shrink"):
+            marks.append(Grow(value) if name == "grow" else Shrink(value))
+        elif current is None and views:
+            kind = name.rpartition("_")[2]
+            raise InputError(f"A {kind} comes before the first of several views; name its view before it: --view NAME.")
+        elif current is None:
             raise InputError("Name the view of the pixels: --view NAME or --view-index INT (see --list-views DIR).")
-        if kind == "click":
-            x, y = value
-            return Click(x, y, view, effect)
-        x0, y0, x1, y1 = value
-        return Box(x0, y0, x1, y1, view, effect)
+        else:
+            mark: Any = Click if name.endswith("click") else Box
+            marks.append(mark(*value, current, "remove" if name.startswith("remove") else "add"))
+    return marks
+
+
+def views_of(arguments: Namespace) -> list[str | int]:
+    """Return the views that are named, in order."""
+    return [value for name, value in arguments.in_order if name in _VIEWS]
+
+
+def mark_files(arguments: Namespace) -> Iterator[Path]:
+    """Yield the selection files that are combined."""
+    return (_file(value)[0] for name, value in arguments.in_order if name in _EFFECTS)
 
 
 def _file(text: str) -> tuple[Path, tuple[int, ...]]:
-    """A path, and the ids behind the # at its end; a # that is part of an existing file's name stays in it."""
+    """Return a path, and the ids behind the # at its end; a # that is part of an existing file's name stays in it."""
     found = _IDS.fullmatch(text)
     if found is None or Path(text).exists():
         return Path(text), ()

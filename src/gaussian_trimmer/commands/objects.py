@@ -5,17 +5,16 @@ from __future__ import annotations
 import re
 import shlex
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from argparse import Namespace
+from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Any
 
 from rich.console import Console
 
 from gaussian_trimmer.batch.tables import FOUND_OBJECTS, write_table
-from gaussian_trimmer.commands.console import in_lengths, print_up, progress_over_stages
-from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words, reading_words
-from gaussian_trimmer.commands.trim_run import ResultOptions, SelectedScene, TrimRun
+from gaussian_trimmer.commands.console import console_of, in_lengths, print_json, print_up, progress_over_stages
+from gaussian_trimmer.commands.trim_run import add_results, read_scene, scene_name, trim_into, words_again
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.found import FoundObjects, chosen_objects
@@ -23,140 +22,121 @@ from gaussian_trimmer.finding.judging import FindConfig
 from gaussian_trimmer.finding.saving import FOUND_FILES, write_found
 from gaussian_trimmer.io.manifest import is_made_of
 from gaussian_trimmer.io.writing import atomic_folder, safe_file_name
-from gaussian_trimmer.options import arg
+from gaussian_trimmer.parser import PROGRAM, Parser
 from gaussian_trimmer.selecting.selection import Selection
-from gaussian_trimmer.trimming.trim_options import TrimOptions
+from gaussian_trimmer.trim_arguments import add_scene, add_trimming
 from gaussian_trimmer.trimming.up_vector import UpVector, find_up
 
 _KIND = "objects"
 _MOST_LISTED = 40
 
 
-@dataclass(frozen=True)
-class Objects:
-    """Find every object of a scene: what stands on its surfaces, hangs from them or leans against them.
+ABOUT = """Find every object of a scene: what stands on its surfaces, hangs from them or leans against them.
 
-    Writes objects.npy with a number for each Gaussian, 0 for the rest; objects.csv with place, size, colour, how sure
-    and why; index.html with a picture of each, on which to choose, merge, split and name, and which gives the command
-    to go on; and batch.csv, from which 'batch' trims them. What the program is not sure of comes last, and is trimmed
-    only if it is asked for.
+Writes objects.npy with a number for each Gaussian, 0 for the rest; objects.csv with place, size, colour, how sure and
+why; index.html with a picture of each, on which to choose, merge, split and name, and which gives the command to go on;
+and batch.csv, from which 'batch' trims them. What the program is not sure of comes last, and is trimmed only if it is
+asked for."""
+EXAMPLES = (
+    "gaussian-trimmer objects scene.ply --cameras sparse/0",
+    "gaussian-trimmer objects scene.ply --cameras sparse/0 --trim cut_out",
+    "gaussian-trimmer objects scene.ply --keep 1 2 5 --merge 2+5 --names 1=mug --trim some",
+)
+
+
+def add_arguments(parser: Parser) -> None:
+    """Say what the command takes."""
+    parser.describe(ABOUT, run, EXAMPLES)
+    add_scene(parser)
+    parser.add_fields("what counts as an object", FindConfig)
+    group = parser.add_argument_group("choose what to trim")
+    group.add_argument("--keep", kind=tuple[int, ...], metavar="ID ...", help="These; without it, all that are sure")
+    group.add_argument("--merge", kind=tuple[str, ...], metavar="ID+ID ...", help="Objects that are one, such as 3+4")
+    split = "Objects that are several; each falls apart into its main parts"
+    group.add_argument("--split-objects", kind=tuple[int, ...], metavar="ID ...", help=split)
+    names = "What to call objects, such as 1=mug"
+    group.add_argument("--names", kind=tuple[str, ...], metavar="ID=NAME ...", help=names)
+    group = add_results(parser, "DIR", "Folder for labels, table and page (default: found/SCENE)")
+    trim = "Also trim the objects, and write them and one scene without them to this folder"
+    group.add_argument("--trim", kind=Path, metavar="DIR", help=trim)
+    add_trimming(parser, rare=True)
+
+
+def run(arguments: Namespace) -> int:
+    """Find the objects and write them, then trim them if asked to; return the exit code, 3 where nothing was trimmed.
+
+    Raises:
+        InputError: something that the user gave cannot be used.
     """
-
-    COMMON_OPTIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "find": ("--cameras", "--up", "--surfaces"),
-        "choose": ("--keep", "--merge", "--split-objects", "--names"),
-        "results": ("--trim", "--output", "--for", "--html", "--overwrite", "--json"),
-    }
-    EXAMPLES: ClassVar[tuple[str, ...]] = (
-        "gaussian-trimmer objects scene.ply --cameras sparse/0",
-        "gaussian-trimmer objects scene.ply --cameras sparse/0 --trim cut_out",
-        "gaussian-trimmer objects scene.ply --keep 1 2 5 --merge 2+5 --names 1=mug --trim some",
+    console, scene_file = console_of(arguments), arguments.scene
+    names, merge = _named(arguments.names), [_group(text) for text in arguments.merge]
+    folder = arguments.output or Path("found") / scene_name(scene_file)
+    edited = arguments.merge or arguments.split_objects or arguments.names
+    if arguments.trim is None and (arguments.keep or arguments.merge or arguments.split_objects):
+        raise InputError("--keep, --merge and --split-objects say what to trim; add --trim DIR.")
+    overwrite, start = arguments.overwrite or is_made_of(folder, scene_file), time.perf_counter()
+    found_files = atomic_folder(
+        folder, _KIND, names=FOUND_FILES, inputs=[scene_file], source=scene_file, overwrite=overwrite
     )
+    nothing, trim = (
+        {"keep": (), "merge": (), "split_objects": (), "names": ()},
+        Path("trimmed") / scene_name(scene_file),
+    )
+    again = [PROGRAM, *words_again("objects", arguments, **nothing, trim=trim)]
+    again += ["--output", str(arguments.output)] if arguments.output else []
+    with found_files as part, progress_over_stages(console) as stage:
+        stage("read")
+        scene, cameras = read_scene(arguments, console)
+        up = find_up(scene, cameras, arguments.up)
+        print_up(console, up)
+        config = FindConfig(**{field.name: getattr(arguments, field.name) for field in fields(FindConfig)})
+        found = find_objects(scene, cameras=cameras, up=up, config=config, progress=stage)
+        stage("write")
+        document = write_found(found, part, command=again, names=names)
+        if sure := [str(one.id) for one in found if one.sure and one.kind == "object"]:
+            write_table([_batch_row(arguments, sure, folder, up)], part / FOUND_OBJECTS)
+    _print_found(console, found, names, folder / "objects.csv")
+    console.print(
+        f"{folder}: {sum(one.sure for one in found)} objects, and "
+        f"{sum(not one.sure for one in found)} that are unsure; time {time.perf_counter() - start:.1f} s"
+    )
+    if arguments.trim is None:
+        now = shlex.join(again)
+        now = f"To trim all that are sure: {now}" if sure else f"To trim some that are not: {now} --keep ID ..."
+        console.print(f"To choose: open {folder / 'index.html'} in a browser. {now}")
+        print_json(arguments, document, (folder, _KIND))
+        return 0
+    keep = arguments.keep or None
+    chosen = chosen_objects(found, keep=keep, merge=merge, split=arguments.split_objects, names=names)
+    numbered = all(name.isdigit() for name in chosen)  # then objects keep their numbers
+    selections = {int(name) if numbered else name: Selection(mask) for name, mask in chosen.items()}
+    labels = None if edited else folder / "objects.npy"
 
-    inputs: Annotated[SceneInputs, arg(name="")]
-    output: Annotated[Path | None, arg(metavar="DIR", default="found/SCENE")] = None
-    """Folder for labels, table and page. Earlier ones of the same kind are replaced."""
-    find: Annotated[FindConfig, arg(name="")] = field(default_factory=FindConfig)
-    keep: Annotated[tuple[int, ...], arg(metavar="ID ...")] = ()
-    """Trim these objects; without it, all that are sure."""
-    merge: Annotated[tuple[str, ...], arg(metavar="ID+ID ...")] = ()
-    """Objects that are one, such as 3+4."""
-    split_objects: Annotated[tuple[int, ...], arg(metavar="ID ...")] = ()
-    """Objects that are several; each falls apart into its main parts."""
-    names: Annotated[tuple[str, ...], arg(metavar="ID=NAME ...")] = ()
-    """What to call objects, such as 1=mug."""
-    trim: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Also trim the objects, with all settings of trim, and write them and one scene without them to this folder."""
-    options: Annotated[TrimOptions, arg(name="")] = field(default_factory=TrimOptions)
-    results: Annotated[ResultOptions, arg(name="")] = field(default_factory=ResultOptions)
+    def command(up: Any) -> list[str]:
+        if labels is None:  # what was merged, split or named is in no file
+            return words_again("objects", arguments)
+        return words_again("trim", arguments, labels=labels, objects=tuple(selections), up=up)
 
-    def run(self) -> None:
-        """Find the objects and write them, then trim them if asked to.
+    return trim_into(
+        arguments.trim, arguments, console, lambda: (scene, cameras, selections, up), command=command,
+        files=[scene_file], inputs={"scene": scene_file, "labels": labels, "cameras": arguments.cameras},
+        overwrite=arguments.overwrite,
+    )  # fmt: skip
 
-        Raises:
-            InputError: something that the user gave cannot be used.
-        """
-        console, overwrite = self.results.console(), self.results.overwrite
-        names, merge = _named(self.names), [_group(text) for text in self.merge]
-        folder, scene_file = self.output or Path("found") / self.inputs.name, self.inputs.scene
-        self.results.check_several()
-        if self.trim is None and (self.keep or self.merge or self.split_objects):
-            raise InputError("--keep, --merge and --split-objects say what to trim; add --trim DIR.")
-        found_files = atomic_folder(
-            folder,
-            _KIND,
-            names=FOUND_FILES,
-            inputs=[scene_file],
-            source=scene_file,
-            overwrite=overwrite or is_made_of(folder, scene_file),
-        )
-        start = time.perf_counter()
-        with found_files as part, progress_over_stages(console) as stage:
-            stage("read")
-            scene, cameras = self.inputs.read(self.options, console)
-            up = find_up(scene, cameras, self.options.config.up)
-            print_up(console, up)
-            found = find_objects(
-                scene,
-                cameras=cameras,
-                up=up,
-                config=self.find,
-                progress=stage,
-            )
-            stage("write")
-            document = write_found(found, part, command=self._next_command(), names=names)
-            if sure := [str(one.id) for one in found if one.sure and one.kind == "object"]:
-                write_table([self._batch_row(sure, folder, up)], part / FOUND_OBJECTS)
-        _print_found(console, found, names, folder / "objects.csv")
-        console.print(
-            f"{folder}: {sum(one.sure for one in found)} objects, and "
-            f"{sum(not one.sure for one in found)} that are unsure; time {time.perf_counter() - start:.1f} s"
-        )
-        if self.trim is None:
-            now = shlex.join(self._next_command())
-            now = f"To trim all that are sure: {now}" if sure else f"To trim some that are not: {now} --keep ID ..."
-            console.print(f"To choose: open {folder / 'index.html'} in a browser. {now}")
-            self.results.printing.print_json(document, (folder, _KIND))
-            return
-        chosen = chosen_objects(found, keep=self.keep or None, merge=merge, split=self.split_objects, names=names)
-        numbered = all(name.isdigit() for name in chosen)  # then objects keep their numbers
-        selections = {int(name) if numbered else name: Selection(mask) for name, mask in chosen.items()}
-        self._run_of(self.trim, folder, list(selections)).run(
-            console, lambda: SelectedScene(scene, cameras, selections, up)
-        )
 
-    def _run_of(self, folder: Path, found: Path, chosen: list[int | str]) -> TrimRun:
-        """Return the trim of the chosen objects together."""
-        ids = chosen if not (self.merge or self.split_objects or self.names) else []
-        said = {"labels": str(found / "objects.npy"), "objects": ids} if ids else {}
-        return TrimRun(
-            folder=folder,
-            suffix=self.inputs.suffix(self.options),
-            options=self.options,
-            results=self.results,
-            for_report=self.inputs.as_json(self.options) | said,
-            files=[self.inputs.scene],
-        )
-
-    def _batch_row(self, numbers: list[str], folder: Path, up: UpVector) -> dict[str, str]:
-        """The row of a manifest that trims these objects one by one, named as the folder."""
-        cameras = self.inputs.cameras
-        return {
-            "scene": str(self.inputs.scene.absolute()),
-            "labels": "objects.npy",
-            "objects": " ".join(numbers),
-            "name": safe_file_name(folder.absolute().name),
-            "cameras": str(cameras.absolute()) if cameras else "",
-            "up": " ".join(map(repr, up.for_trims() or ())),
-            "options": shlex.join(reading_words(self.options)),
-        }
-
-    def _next_command(self) -> list[str]:
-        """The words of the command that finds the same objects again and trims them."""
-        words = ["gaussian-trimmer", "objects", *self.inputs.words(self.options), *changed_words(self.find)]
-        if self.output is not None:
-            words += ["--output", str(self.output)]
-        return [*words, "--trim", str(Path("trimmed") / self.inputs.name)]
+def _batch_row(arguments: Namespace, numbers: list[str], folder: Path, up: UpVector) -> dict[str, str]:
+    """Return the row of a manifest that trims these objects one by one, named as the folder."""
+    cameras = arguments.cameras
+    level = [] if arguments.level is None else ["--level", str(arguments.level)]
+    return {
+        "scene": str(arguments.scene.absolute()),
+        "labels": "objects.npy",
+        "objects": " ".join(numbers),
+        "name": safe_file_name(folder.absolute().name),
+        "cameras": str(cameras.absolute()) if cameras else "",
+        "up": " ".join(map(repr, up.for_trims() or ())),
+        "options": shlex.join([*level, *(["--trust-paths"] if arguments.trust_paths else [])]),
+    }
 
 
 def _print_found(console: Console, found: FoundObjects, names: dict[int, str], table: Path) -> None:

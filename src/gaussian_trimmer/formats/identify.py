@@ -71,7 +71,7 @@ class MethodFile:
 
 
 _ITERATION = "point_cloud/iteration_*/"
-_ID = "--selection.object-id ID"
+_ID = "--set selection.object-id=ID"
 METHOD_FILES = (
     MethodFile("SAGA", "segmentation_res/{object}.pt"),
     MethodFile("SAGA, version 1", "final_mask.pt"),
@@ -92,7 +92,7 @@ METHOD_FILES = (
     MethodFile("COB-GS or NG-GS", "masks/{object}/chkpnt*.pth", own_scene=True),
     MethodFile("GaussianCut", "graphcut_{object}/remove_source.pt"),
     MethodFile("THGS", "nag-l*.pt", _ID),
-    MethodFile("LUDVIG", "features.npy", "--selection.threshold T"),
+    MethodFile("LUDVIG", "features.npy", "--set selection.threshold=T"),
     MethodFile("Trace3D", "objects/{object}_gaus_mask.pt"),
 )
 """In the order in which they are looked for."""

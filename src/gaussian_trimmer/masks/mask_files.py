@@ -59,7 +59,7 @@ class MaskFilesSegmenter:
     def __init__(self, config: MaskFilesConfig | None = None) -> None:
         folder = config.folder if config else None
         if folder is None:
-            raise InputError("The segmenter 'mask-files' needs the folder of the masks: --mask-files.folder DIR.")
+            raise InputError("The segmenter 'mask-files' needs the folder of the masks: --set mask-files.folder=DIR.")
         self._folder = folder
 
     def own_cameras(self, cameras: CameraSet | None) -> list[Camera]:

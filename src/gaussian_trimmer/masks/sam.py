@@ -37,7 +37,7 @@ _SEEN = 30.0
 what lies at their outlines, or shines through the object, has less."""
 _NOTHING = 1e-6
 _MODEL_ADVICE = (
-    "pass --sam.model FOLDER with the encoder and the decoder of a SAM, MobileSAM or SAM 2 as .onnx files; "
+    "give --set sam.model=FOLDER, with the encoder and the decoder of a SAM, MobileSAM or SAM 2 as .onnx files; "
     "docs/sam.md says where they come from"
 )
 

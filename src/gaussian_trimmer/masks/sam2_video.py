@@ -238,7 +238,7 @@ def _check_source(source: str) -> None:
     """Raise an InputError for what is neither a folder nor of the form of a name on the hub."""
     if not Path(source).is_dir() and not _HUB_NAME.fullmatch(source):
         raise InputError(
-            f"There is no folder '{source}' to load a SAM2 model from; pass --sam2.model a folder that holds "
+            f"There is no folder '{source}' to load a SAM2 model from; --set sam2.model needs a folder that holds "
             "config.json and model.safetensors, or a name on the Hugging Face hub such as facebook/sam2.1-hiera-tiny."
         )
 
@@ -287,5 +287,5 @@ def _cannot_load(source: str, error: Exception) -> str:
     reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
     return (
         f"The SAM2 model '{source}' cannot be loaded ({reason}); where the Hugging Face hub is out of reach, copy the "
-        "model's config.json and model.safetensors into a folder and pass --sam2.model FOLDER."
+        "model's config.json and model.safetensors into a folder and give --set sam2.model=FOLDER."
     )

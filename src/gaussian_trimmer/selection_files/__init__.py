@@ -134,11 +134,11 @@ def _detect(file: SelectionFile, n: int, options: SelectionOptions) -> str:
     offered = offered_kinds(file, n, options)
     if len(offered) > 1:
         raise InputError(
-            f"'{file.path.name}' can be read as {' or as '.join(offered)}; say which with {flag('kind')} {offered[0]}."
+            f"'{file.path.name}' can be read as {' or as '.join(offered)}; say which with {flag('kind', offered[0])}."
         )
     if not offered:
         names = arrays_that_select(file, n, options)
-        choose = f"; name an array, such as {flag('property')} {names[0]}" if names else ""
+        choose = f"; name an array, such as {flag('property', names[0])}" if names else ""
         raise InputError(
             f"'{file.path.name}' with {file.content} is not a selection for {n} Gaussians with these options{choose}."
         )

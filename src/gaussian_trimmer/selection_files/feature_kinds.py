@@ -118,7 +118,7 @@ def select_checkpoint(file: SelectionFile, gaussians: Gaussians, options: Select
         )
     if file.checkpoint.features is not None:
         raise InputError(
-            f"'{name}' holds identity features; add {flag('classifier')} classifier.pth and {flag('object_id')}, or "
+            f"'{name}' holds identity features; add {flag('classifier', 'classifier.pth')} and {flag('object_id')}, or "
             f"{flag('query_row')}."
         )
     if file.checkpoint.logits is None:

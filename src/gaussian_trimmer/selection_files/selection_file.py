@@ -65,13 +65,13 @@ class SelectionOptions:
         return frozenset(changed) - {"kind"}
 
 
-def flag(option: str) -> str:
-    """Return how an option is spelt on the command line.
+def flag(option: str, value: str = "VALUE") -> str:
+    """Return how an option is given on the command line.
 
     >>> flag("object_id")
-    '--selection.object-id'
+    '--set selection.object-id=VALUE'
     """
-    return "--selection." + option.replace("_", "-")
+    return f"--set selection.{option.replace('_', '-')}={value}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,156 @@
+"""What the command line says of a trim: the arguments that `trim`, `select`, `objects` and rows of a batch share."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import identify
+from gaussian_trimmer.lazy_import import load
+from gaussian_trimmer.masks import (
+    DEFAULT_SEGMENTER,
+    OPTIONS,
+    PAPER_SEGMENTER,
+    SEGMENTERS,
+    Segmenter,
+    get_segmenter,
+    options_kind,
+)
+from gaussian_trimmer.masks.sam import paper_sam
+from gaussian_trimmer.output.engines import EngineName, Origin, PlacingOptions
+from gaussian_trimmer.output.saving import suffix_of
+from gaussian_trimmer.parser import UP, Parser, choice_of
+from gaussian_trimmer.selection_files import SelectionOptions
+from gaussian_trimmer.settings import Range, hints_of, with_settings
+from gaussian_trimmer.trimming.config import PlanConfig, TrimConfig, paper_config
+
+LEVEL = "Level of detail of a streamed SOG, 0 is the finest; by default the finest that memory allows"
+TRUST = "Open pictures that a transforms.json names outside its folder, if it does not say their size"
+CAMERAS = "Training cameras: a COLMAP folder, transforms.json or cameras.json"
+
+
+def add_scene(parser: Parser, **more: Any) -> None:
+    """Add the scene and its cameras, and how they are read; `more` is for the scene."""
+    scene = "Splat file of the scene, or the folder of a training"
+    parser.add_argument("scene", kind=Path, metavar="SCENE", help=scene, **more)
+    group = parser.add_argument_group("the scene")
+    group.add_argument("--cameras", kind=Path, help=CAMERAS)
+    add_reading(group)
+
+
+def add_reading(group: Any) -> None:
+    """Add which way is up in a scene, and how it is read."""
+    group.add_argument("--up", kind=UP, help="Which way is up; by default found from the cameras or the ground")
+    group.add_argument("--level", kind=int, metavar="N", help=LEVEL, rare=True)
+    group.add_argument("--trust-paths", kind=bool, help=TRUST, rare=True)
+
+
+def add_method(parser: Parser, *, rare: bool = False) -> Any:
+    """Add how an object is trimmed; return the group of these arguments."""
+    group, config = parser.add_argument_group("how to trim"), hints_of(TrimConfig)
+    preset = "Defaults of all settings: this program's, or the GaussianTrimmer paper's"
+    group.add_argument("--preset", kind=choice_of(("default", "paper")), default="default", help=preset, rare=rare)
+    views, finding = "Number of virtual views, usually 5", "How the object is found in the views"
+    group.add_argument("--views", kind=hints_of(PlanConfig)["views"], help=views, rare=rare)
+    group.add_argument("--segmenter", kind=choice_of(tuple(SEGMENTERS)), help=finding, rare=rare)
+    outline, scene = "Fit the object's outline, or leave whole Gaussians", "How the scene without the object is made"
+    group.add_argument("--refine", kind=config["refine"], help=outline, rare=rare)
+    group.add_argument("--background", kind=config["background"], help=scene, rare=rare)
+    options = {name: load(kind) for name, kind in OPTIONS.items()}
+    parser.add_settings(group, TrimConfig, selection=SelectionOptions, **options)
+    return group
+
+
+def add_trimming(parser: Parser, *, rare: bool = False) -> None:
+    """Add how an object is trimmed, and in which files it is written."""
+    group, stands = add_method(parser, rare=rare), "What stands on the object goes with it"
+    group.add_argument("--with-what-stands-on-it", kind=bool, help=stands, rare=True)
+    group = parser.add_argument_group("files")
+    ending = "Format of object and background; by default the scene's"
+    group.add_argument("--format", metavar="ENDING", help=ending, rare=rare)
+    add_placing(group, "Also files for this program: upright, the foot at the origin, in a format that it reads", rare)
+    background = "Write the scene without the objects, which is nearly as large as the scene"
+    group.add_argument("--write-background", kind=bool, default=True, help=background, rare=True)
+    page = "Also report.html, a page with views before and after and all numbers"
+    group.add_argument("--html", kind=bool, help=page, rare=rare)
+
+
+def add_placing(group: Any, engine: str, rare: bool = False) -> None:
+    """Add how files for other programs are placed."""
+    origin, scale = "What lies at the origin of those files", "Their units in a unit of the scene"
+    group.add_argument("--for", dest="engine", kind=EngineName, help=engine, rare=rare)
+    group.add_argument("--origin", kind=Origin, help=origin, rare=True)
+    group.add_argument("--scale", kind=Annotated[float, Range(1e-6, 1e6)], default=1.0, help=scale, rare=True)
+
+
+def config_of(arguments: Namespace) -> TrimConfig:
+    """Return the settings of all stages."""
+    config = paper_config() if arguments.preset == "paper" else TrimConfig()
+    config = with_settings(config, arguments.settings)
+    if arguments.views is not None:
+        config = replace(config, plan=replace(config.plan, views=arguments.views))
+    flags = {name: getattr(arguments, name, None) for name in ("up", "refine", "background", "with_what_stands_on_it")}
+    return replace(config, **{name: value for name, value in flags.items() if value})
+
+
+def segmenter_name(arguments: Namespace) -> str:
+    """Return the name of the segmenter that is asked for, or that of the preset."""
+    return arguments.segmenter or (PAPER_SEGMENTER if arguments.preset == "paper" else DEFAULT_SEGMENTER)
+
+
+def segmenter_options(arguments: Namespace) -> Any:
+    """Return the options of the segmenter, an instance of their dataclass, or None if it has none."""
+    name = segmenter_name(arguments)
+    if (kind := options_kind(name)) is None:
+        return None
+    options = paper_sam(kind()) if arguments.preset == "paper" and name == "sam" else kind()
+    return with_settings(options, arguments.settings, name)
+
+
+def segmenter_of(arguments: Namespace) -> Segmenter:
+    """Return the segmenter with its options."""
+    options = segmenter_options(arguments)
+    return get_segmenter(segmenter_name(arguments), *([] if options is None else [options]))
+
+
+def selection_options_of(arguments: Namespace) -> SelectionOptions:
+    """Return how selection files are read."""
+    return with_settings(SelectionOptions(), arguments.settings, "selection")
+
+
+def placing_of(arguments: Namespace) -> PlacingOptions:
+    """Return how files for other programs are placed."""
+    return PlacingOptions(arguments.engine, arguments.origin, arguments.scale)
+
+
+def suffix_for(arguments: Namespace) -> str:
+    """Return the ending of the splat files that are written.
+
+    Raises:
+        InputError: no format has the name that is given, or a folder holds no scene.
+    """
+    if arguments.format is None:
+        return formats.written_suffix(identify(arguments.scene).scene)
+    return suffix_of(arguments.format)
+
+
+def views_of_masks(segmenter: Segmenter, cameras: CameraSet | None, config: TrimConfig) -> list[Camera] | None:
+    """Return the cameras of the masks that a segmenter has; None if it segments any view.
+
+    Raises:
+        InputError: the settings ask for a number of virtual views, which would not be used.
+    """
+    if not hasattr(segmenter, "own_cameras"):
+        return None
+    views: list[Camera] = segmenter.own_cameras(cameras)
+    if config.plan.views != PlanConfig().views:
+        raise InputError(
+            f"The segmenter '{segmenter.name}' looks from the cameras of its {len(views)} masks, so "
+            f"{config.plan.views} virtual views cannot be had; leave --views out, or remove masks from their folder."
+        )
+    return views
