@@ -37,8 +37,7 @@ from gaussian_trimmer.evaluation.tables import MADE_BY, Cell, ScoreTable, interv
 from gaussian_trimmer.evaluation.trials import Run, Trial, measure
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, concatenate, rotation_matrices
 from gaussian_trimmer.geometry.split import AXIS_LENGTH, SAGD_SHRINKAGE, split_plane
-from gaussian_trimmer.masks.prompts import Prompt
-from gaussian_trimmer.masks.sam import SamConfig, SamSegmenter
+from gaussian_trimmer.masks.sam_onnx import OnnxSam, Prompt
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selecting.lifting import sum_label_weights
 from gaussian_trimmer.surface.visible_surface import evenly_spread
@@ -153,7 +152,7 @@ def baselines(options: Namespace) -> Findings:
 
 def lifted_trials(options: Namespace, overlaps: list[float]) -> Iterator[Trial]:
     """What each method makes of the masks of each object; how good the masks are is added to `overlaps`."""
-    model = SamSegmenter(SamConfig(str(options.sam_model))) if options.sam_model else None
+    model = OnnxSam(options.sam_model) if options.sam_model else None
     for scene in map(open_scene, options.scenes):
         listed = only_training(read_camera_set(scene.cameras_file))
         cameras = evenly_spread(training_cameras(listed), options.views)
@@ -164,8 +163,8 @@ def lifted_trials(options: Namespace, overlaps: list[float]) -> Iterator[Trial]:
                 truth = scene.coverage(name, camera.name) > 0.5
                 mask = truth
                 if model is not None and truth.any():
-                    found = model.propose(render(scene.gaussians, camera).rgb, Prompt(bounding_box(truth)))
-                    mask = found.logits[int(np.argmax(found.scores))] > 0
+                    found, scores = model.propose(render(scene.gaussians, camera).rgb, Prompt(bounding_box(truth)))
+                    mask = found[int(np.argmax(scores))] > 0
                 elif options.masks is not None:
                     mask = read_mask(options.masks / name / camera.name) > 0.5
                 masks.append(np.asarray(mask))

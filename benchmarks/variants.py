@@ -9,8 +9,7 @@ from typing import Any
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.trials import Way, way_of
-from gaussian_trimmer.masks import DEFAULT_SEGMENTER, PAPER_SEGMENTER, Segmenter
-from gaussian_trimmer.masks.sam import SamConfig, SamSegmenter, paper_sam
+from gaussian_trimmer.masks.sam import SamModel, load_sam
 from gaussian_trimmer.trimming.config import SplitConfig, TrimConfig, paper_config
 
 VIEW_COUNTS = (1, 2, 3, 5, 7, 10)
@@ -23,13 +22,11 @@ REAL_VIEWS = 5
 
 def variants(sam_model: Path | None = None) -> dict[str, Way]:
     """All variants by name, `default` first; those with `sam` in their names need the model's folder."""
-    named = _ablated("", TrimConfig(), DEFAULT_SEGMENTER) | _ablated("paper", paper_config(), PAPER_SEGMENTER)
+    named = _ablated("", TrimConfig()) | _ablated("paper", paper_config(), paper=True)
     named = {"default": way_of(), **{name: way_of(config) for name, config in stages(TrimConfig()).items()}, **named}
     if sam_model is not None:
-        ours = SamConfig(model=str(sam_model))
-        named["sam-alone"] = way_of(segmenter=SamSegmenter(replace(ours, fusion=False)))
-        named |= _ablated("sam", TrimConfig(), SamSegmenter(ours))
-        named |= _ablated("paper-sam", paper_config(), SamSegmenter(paper_sam(ours)))
+        sam = load_sam(sam_model)
+        named |= _ablated("sam", TrimConfig(), sam) | _ablated("paper-sam", paper_config(), sam, paper=True)
     return named
 
 
@@ -53,11 +50,11 @@ def stages(base: TrimConfig) -> dict[str, TrimConfig]:
     }
 
 
-def _ablated(prefix: str, base: TrimConfig, segmenter: str | Segmenter) -> dict[str, Way]:
+def _ablated(prefix: str, base: TrimConfig, sam: SamModel | None = None, paper: bool = False) -> dict[str, Way]:
     """A way of trimming, and what it becomes without one of its parts or with another one, by name."""
 
     def changed(training_views: int = 0, **settings: Any) -> Way:
-        return way_of(replace(base, **settings), segmenter, training_views)
+        return way_of(replace(base, **settings), sam=sam, paper=paper, training_views=training_views)
 
     named = {
         "": changed(),

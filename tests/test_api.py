@@ -16,11 +16,8 @@ from command_line import run
 
 import gaussian_trimmer as gt
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.commands import parser_of
-from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.output.saving import result_files, save
 from gaussian_trimmer.selecting.selection import Selection
-from gaussian_trimmer.trim_arguments import segmenter_name
 from gaussian_trimmer.trimming.arguments import mask_of_selection
 from gaussian_trimmer.trimming.config import SplitConfig
 from gaussian_trimmer.trimming.result import RowLabel
@@ -37,7 +34,7 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 
 @pytest.fixture(scope="module")
 def result():
-    return gt.trim(SCENE, ROUGH, config=CONFIG, segmenter=toy.TightMasks())
+    return toy.trim_by(toy.tight, SCENE, ROUGH, config=CONFIG)
 
 
 def loaded_by(code):
@@ -98,13 +95,8 @@ def test_everything_after_the_selection_is_given_by_name():
     assert [p.name for p in parameters if p.kind is p.POSITIONAL_OR_KEYWORD] == ["scene", "selection"]
 
 
-def test_python_and_the_command_line_have_the_same_defaults():
-    defaults = {name: p.default for name, p in inspect.signature(gt.trim_objects).parameters.items()}
-    assert defaults["segmenter"] == segmenter_name(parser_of("trim").parse(["scene.ply"]))
-
-
 def test_views_and_up_need_no_nested_settings(result):
-    other = gt.trim(SCENE, ROUGH, config=toy.small_config(up=None), segmenter=toy.TightMasks(), up="z", views=3)
+    other = toy.trim_by(toy.tight, SCENE, ROUGH, config=toy.small_config(up=None), up="z", views=3)
     assert len(other.objects[0].views) == 3
     assert (other.config.plan.views, other.config.plan.size, other.objects[0].up.source) == (3, 160, "given")
     np.testing.assert_array_equal(other.objects[0].up.direction, toy.UP)
@@ -160,12 +152,12 @@ def test_ambiguity_ends_where_only_one_reading_is_possible():
 
 def test_a_selection_that_changes_later_does_not_change_the_result():
     selection = ROUGH.copy()
-    result = gt.trim(SCENE, selection, config=CONFIG, segmenter=toy.EmptyMasks(), views=1)
+    result = toy.trim_by(toy.empty, SCENE, selection, config=CONFIG, views=1)
     selection[:] = False
     np.testing.assert_array_equal(result.selection, ROUGH)
 
 
-CAMERA = gt.trim(SCENE, ROUGH, config=CONFIG, segmenter=toy.EmptyMasks(), views=1).objects[0].views[0].view.camera
+CAMERA = toy.trim_by(toy.empty, SCENE, ROUGH, config=CONFIG, views=1).objects[0].views[0].view.camera
 
 
 @pytest.mark.parametrize(
@@ -178,6 +170,11 @@ CAMERA = gt.trim(SCENE, ROUGH, config=CONFIG, segmenter=toy.EmptyMasks(), views=
         ({"view_cameras": []}, "view_cameras"),
         ({"view_cameras": CAMERA}, "view_cameras"),
         ({"view_cameras": CameraSet((CAMERA,), None, (True,), False)}, "view_cameras"),
+        ({"masks": [np.ones((4, 4), np.bool_)]}, "pairs of a camera and its mask"),
+        ({"masks": []}, "give at least one"),
+        ({"masks": [(CAMERA, np.ones((4, 4), np.bool_))]}, r"Mask 0 has the shape \(4, 4\) .* 160 rows of 160"),
+        ({"masks": [(CAMERA, np.ones((160, 160), np.uint8))]}, r"type uint8; booleans"),
+        ({"masks": [(CAMERA, np.ones((160, 160)))], "view_cameras": [CAMERA, CAMERA]}, "leave view_cameras out"),
         ({"cameras": [np.eye(4)]}, "cameras are a list"),
         ({"up": "--z"}, "up vector is '--z'"),
         ({"up": (0, 0, 0)}, "up vector"),
@@ -247,7 +244,7 @@ def test_float64_is_converted_and_nothing_compiled_for_it(result):
 
     before, scene = compiled(), doubled()
     assert {getattr(scene, name).dtype for name in ("means", "quaternions", "sh_rest")} == {np.dtype(np.float32)}
-    other = gt.trim(scene, ROUGH, config=CONFIG, segmenter=toy.TightMasks())
+    other = toy.trim_by(toy.tight, scene, ROUGH, config=CONFIG)
     assert compiled() == before
     np.testing.assert_array_equal(other.objects[0].source_index, result.objects[0].source_index)
     np.testing.assert_array_equal(other.object.means, result.object.means)
@@ -354,7 +351,7 @@ def test_the_mask_of_the_object_has_whole_and_split_gaussians(result):
 
 
 def test_a_refused_trim_has_the_mask_of_the_selection():
-    result = gt.trim(SCENE, ROUGH, config=CONFIG, segmenter=toy.EmptyMasks())
+    result = toy.trim_by(toy.empty, SCENE, ROUGH, config=CONFIG)
     assert result.objects[0].refused
     np.testing.assert_array_equal(result.object_mask, ROUGH)
 
@@ -397,15 +394,6 @@ def test_saving_replaces_only_what_it_may(result, tmp_path):
     with pytest.raises(gt.InputError, match="Unknown format 'obj'; available: ply"):
         save(result, tmp_path / "other", format="obj")
     assert not (tmp_path / "other").exists()
-
-
-def test_a_segmenter_describes_itself_in_the_report():
-    class Described(toy.TightMasks):
-        def describe(self):
-            return "tight by two pixels"
-
-    result = gt.trim(SCENE, ROUGH, config=CONFIG, segmenter=Described(), views=2)
-    assert result.segmenter == describe(result)["segmenter"] == "tight by two pixels"
 
 
 def test_stages_are_logged_and_no_handler_is_installed(caplog):

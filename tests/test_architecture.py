@@ -10,8 +10,6 @@ from pathlib import Path
 import pytest
 
 import gaussian_trimmer
-from gaussian_trimmer.lazy_import import load
-from gaussian_trimmer.masks import DEFAULT_SEGMENTER, PAPER_SEGMENTER, SEGMENTERS
 
 PACKAGE = Path(gaussian_trimmer.__file__).parent
 FILES = ("formats", "camera_files", "selection_files")
@@ -27,8 +25,8 @@ LAYERS = (
     ("views",),
     ("removal",),
     ("options",),
-    ("masks",),
     ("trimming",),
+    ("masks",),
     ("output",),
     ("surface",),
     ("finding",),
@@ -167,9 +165,3 @@ def test_heavy_packages_are_imported_late(trees: dict[Path, ast.Module]) -> None
     for path, tree in trees.items():
         heavy = set(loaded_with(tree)) & set(HEAVY)
         assert heavy <= {HEAVY_FILES.get(path.relative_to(PACKAGE).as_posix())}, path
-
-
-def test_names_in_tables_are_those_of_the_classes() -> None:
-    for name, what in SEGMENTERS.items():
-        assert load(what).name == name
-    assert {DEFAULT_SEGMENTER, PAPER_SEGMENTER} <= SEGMENTERS.keys()

@@ -89,9 +89,8 @@ def test_cut_out_of_another_scene(ball, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--segmenter", "sam9"], "available: silhouette"),
-        (["--segmenter", "mask-files"], "--set mask-files.folder"),
-        (["--segmenter", "mask-files", "--set", "mask-files.folder=masks"], "--cameras"),
+        (["--sam", "nowhere"], "nowhere"),
+        (["--masks", "masks"], "--cameras"),
         (["--cameras", "nowhere"], "nowhere"),
         (["--set", "selection.object-id=3"], "object"),
     ],

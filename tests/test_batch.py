@@ -152,7 +152,7 @@ def test_all_files_are_looked_at_before_the_first_row_begins(folder, tmp_path, c
     scene = folder / "s0.ply"
     rows = [f"{scene},{folder / 's0-0.npy'},a,z,", f"{scene},gone.npy,b,z,", f"{scene},/dev/zero,c,z,"]
     rows += [f"{scene},pipe.npy,d,z,", f"gone.ply,{folder / 's0-0.npy'},e,z,"]
-    rows += [f"{scene},{folder / 's0-0.npy'},f,z,--segmenter mask-files --mask-files.folder nowhere"]
+    rows += [f"{scene},{folder / 's0-0.npy'},f,z,--masks nowhere"]
     (tmp_path / "rows.csv").write_text("\n".join([HEADER, *rows]))
     assert run("batch", tmp_path / "rows.csv", "--output", tmp_path / "out") == 2
     told = capsys.readouterr().err

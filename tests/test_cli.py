@@ -95,18 +95,18 @@ def test_json_is_all_that_services_see(ball, tmp_path, capsys, monkeypatch):
 def test_options_of_all_stages_reach_the_trimmer(ball, tmp_path):
     folder, _, _ = ball
     command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, *SMALL, "--quiet"]
-    command += ["--up", 0, -0.1, 1, "--views", 3, "--segmenter", "grabcut", "--set", "grabcut.iterations=1"]
+    command += ["--up", 0, -0.1, 1, "--views", 3, "--preset", "paper"]
     command += ["--set", "split.rule=none", "--set", "evidence.recover=false", "--format", "splat"]
     assert run(*command) == 0
     report, entry = report_of(tmp_path), object_of(tmp_path)
     assert report["configuration"]["split"]["rule"] == "none"
     assert not report["configuration"]["evidence"]["recover"]
-    assert (len(entry["views"]), report["segmenter"]) == (3, "grabcut")
-    assert report["inputs"]["segmenter_options"]["iterations"] == 1
+    assert (len(entry["views"]), report["inputs"]["preset"]) == (3, "paper")
+    assert all(view["judged"] for view in entry["views"])
     assert entry["up"]["direction"][1] == pytest.approx(-0.1 / np.hypot(0.1, 1))
     assert entry["counts"]["added"] == report["counts"]["split"] == 0
     assert len(formats.read(tmp_path / "object.splat")) == entry["counts"]["object"]
-    assert (len(report["views"]), report["segmenter"]) == (3, "grabcut")
+    assert len(report["views"]) == 3 and all(view["judged"] for view in report["views"])
     assert "grabcut.iterations=1" in report["command"]
     assert report["up"]["direction"][1] == pytest.approx(-0.1 / np.hypot(0.1, 1))
     assert report["counts"]["added"] == report["counts"]["split"] == 0
@@ -196,7 +196,7 @@ def test_object_alone_needs_no_selection(ball, tmp_path):
 def test_own_masks_take_the_place_of_virtual_views(ball, tmp_path):
     folder, _, _ = ball
     command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, "--quiet"]
-    command += ["--segmenter", "mask-files", "--set", f"mask-files.folder={folder / 'masks'}"]
+    command += ["--masks", folder / "masks"]
     assert run(*command, "--cameras", folder / "cameras.json") == 0
     report = object_of(tmp_path)
     assert [view["name"] for view in report["views"]] == ["0.png", "1.png", "2.png", "3.png"]
@@ -207,9 +207,9 @@ def test_own_masks_take_the_place_of_virtual_views(ball, tmp_path):
 def test_a_number_of_virtual_views_is_refused_where_own_masks_take_their_place(ball, tmp_path, capsys, option):
     folder, _, _ = ball
     command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path / "out", *option]
-    command += ["--segmenter", "mask-files", "--set", f"mask-files.folder={folder / 'masks'}"]
+    command += ["--masks", folder / "masks"]
     assert run(*command, "--cameras", folder / "cameras.json") == 2
-    assert "cameras of its 4 masks, so 3 virtual views" in capsys.readouterr().err
+    assert "leave --sam and --views out" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
@@ -506,7 +506,7 @@ def test_an_earlier_trim_is_kept_out_of_the_next(ball, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--segmenter", "mask-files", "--set", "mask-files.folder=masks"], "has masks of one object"),
+        (["--masks", "masks"], "--masks is for one object"),
         (["--add", "rough.npy"], "leave SELECTION and marks out"),
     ],
 )

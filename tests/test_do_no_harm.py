@@ -1,6 +1,7 @@
 """A trim that would take most of the selection away must not stand."""
 
 import numpy as np
+import toy
 from toy import CENTRE, RADIUS, ball_on_floor, gaussians, jaccard, object_rows, small_config
 
 from gaussian_trimmer.gaussians import concatenate
@@ -60,18 +61,10 @@ def test_what_hides_nothing_changes_nothing():
     assert max(view.view.hidden_share for view in result.objects[0].views) == 0
 
 
-class WrongMasks:
-    """Gives masks of nothing, as a video model of random weights does."""
-
-    name = "wrong"
-
-    def segment(self, views):
-        rng = np.random.default_rng(0)
-        return [rng.random(view.alpha.shape) < 0.3 for view in views]
-
-
 def test_wrong_masks_do_not_destroy_an_object_by_the_papers_rules():
     scene, truth = ball_on_floor()
-    result = trim(scene, truth, config=paper_config(small_config()), segmenter=WrongMasks())
+    rng = np.random.default_rng(0)
+    config = paper_config(small_config())
+    result = toy.trim_by(lambda view: rng.random(view.alpha.shape) < 0.3, scene, truth, config=config)
     assert result.objects[0].refused is not None
     np.testing.assert_array_equal(object_rows(result), truth)

@@ -49,10 +49,10 @@ def test_lift_masks_and_trim(printed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("printed", ["03_bring_your_own_segmenter.py"], indirect=True)
-def test_bring_your_own_segmenter(printed):
+@pytest.mark.parametrize("printed", ["03_bring_your_own_masks.py"], indirect=True)
+def test_bring_your_own_masks(printed):
     builtin, own = printed
-    assert builtin.startswith("silhouette: 5 masks") and own.startswith("watershed: 5 masks")
+    assert builtin.startswith("silhouettes: 5 masks") and own.startswith("watershed: 5 masks")
     kept = [numbers(line)[1] for line in printed]
     assert all(2000 < n < SELECTED for n in kept) and kept[0] != kept[1]
 

@@ -94,34 +94,25 @@ def test_every_row_is_in_the_object_in_the_background_or_discarded(mode, tmp_pat
 def test_fragments_of_the_object_join_it():
     fragments = np.flatnonzero(TRUTH)[:3]
     scene = SCENE.replace(sh_dc=SCENE.sh_dc.copy())
-    result = trim(scene, TRUTH, config=CONFIG, segmenter=Holes(scene.means[fragments]))
+    holes = scene.means[fragments]
+    result = toy.trim_by(lambda view: silhouette_with_holes(view, holes), scene, TRUTH, config=CONFIG)
     assert result.object_mask[fragments].all()
     assert result.count(RowLabel.REMOVED) == 0
 
 
-class Holes:
-    """A segmenter of silhouettes with a hole of a few pixels around each of some points."""
-
-    name = "holes"
-
-    def __init__(self, points):
-        self.points = points
-
-    def segment(self, views):
-        masks = []
-        for view in views:
-            mask, (pixels, depths) = view.silhouette.copy(), view.camera.project(self.points)
-            for (x, y), depth in zip(pixels, depths, strict=True):
-                row, column = int(y), int(x)
-                if view.depth[row, column] > depth - 0.2:
-                    mask[row - 4 : row + 5, column - 4 : column + 5] = False
-            masks.append(mask)
-        return masks
+def silhouette_with_holes(view, points):
+    """A silhouette with a hole of a few pixels around each of some points."""
+    mask, (pixels, depths) = view.silhouette.copy(), view.camera.project(points)
+    for (x, y), depth in zip(pixels, depths, strict=True):
+        row, column = int(y), int(x)
+        if view.depth[row, column] > depth - 0.2:
+            mask[row - 4 : row + 5, column - 4 : column + 5] = False
+    return mask
 
 
 def test_a_trim_that_is_refused_leaves_the_background_as_it_is():
     scene, truth = INSIDE
-    result = trim(scene, truth, config=CONFIG, segmenter=toy.EmptyMasks())
+    result = toy.trim_by(toy.empty, scene, truth, config=CONFIG)
     assert result.objects[0].refused
     assert len(result.discarded) == 0
     toy.check_parts(result, truth)

@@ -6,31 +6,23 @@ import cv2
 import numpy as np
 import pytest
 
-from gaussian_trimmer.cameras import Camera, intrinsics
+from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.reading import file_bytes, is_file
-from gaussian_trimmer.masks import get_segmenter, mask_files
+from gaussian_trimmer.masks import mask_files
 from gaussian_trimmer.masks.mask_files import (
-    MaskFilesConfig,
     cameras_with_masks,
     find_mask,
     ids_of,
     mask_of,
+    read_masks,
 )
-from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.views.view import View
 
 WIDTH, HEIGHT = 12, 8
 
 
 def camera(name, width=WIDTH):
     return Camera(np.eye(4), intrinsics(1.0, width, HEIGHT), width, HEIGHT, name)
-
-
-def view(name, width=WIDTH):
-    nothing = np.zeros((HEIGHT, width), np.float32)
-    picture = Rendering(np.zeros((HEIGHT, width, 3), np.float32), nothing, nothing)
-    return View(camera(name, width), picture, nothing, nothing, nothing, (0, 0, width, HEIGHT))
 
 
 def save(path, columns=3, value=255):
@@ -43,8 +35,9 @@ def save(path, columns=3, value=255):
 def test_masks_are_found_by_name_and_cut_at_half(tmp_path):
     save(tmp_path / "a.png", columns=3, value=128)
     save(tmp_path / "b.JPG.png", columns=5, value=127)
-    segmenter = get_segmenter("mask-files", MaskFilesConfig(tmp_path))
-    first, second = segmenter.segment([view("a.jpg"), view("b.JPG")])
+    cameras = [camera("a.jpg"), camera("none.jpg"), camera("b.JPG")]
+    (at_first, first), (at_second, second) = read_masks(tmp_path, CameraSet(tuple(cameras), None, (True,) * 3, False))
+    assert [at_first, at_second] == [cameras[0], cameras[2]]
     assert first[:, :3].all()
     assert not first[:, 3:].any()
     assert not second.any()
@@ -78,14 +71,13 @@ def test_object_numbers_are_read_as_they_are(tmp_path):
 def test_mask_of_another_size_is_refused(tmp_path):
     save(tmp_path / "a.png")
     with pytest.raises(InputError, match=r"12 x 8 pixels.*20 x 8"):
-        get_segmenter("mask-files", MaskFilesConfig(tmp_path)).segment([view("a.png", 20)])
+        mask_of(camera("a.png", 20), tmp_path)
 
 
 def test_missing_masks_are_refused(tmp_path):
     save(tmp_path / "other.png")
-    segmenter = get_segmenter("mask-files", MaskFilesConfig(tmp_path))
     with pytest.raises(InputError, match=r"no mask for the view 'a.png'"):
-        segmenter.segment([view("a.png")])
+        mask_of(camera("a.png"), tmp_path)
     with pytest.raises(InputError, match=r"No mask in .* such as a.png"):
         cameras_with_masks([camera("a.png")], tmp_path)
     save(tmp_path / "mug" / "a.png")
@@ -94,8 +86,8 @@ def test_missing_masks_are_refused(tmp_path):
         cameras_with_masks([camera("a.png")], tmp_path)
     with pytest.raises(InputError, match=r"no folder"):
         cameras_with_masks([camera("a.png")], tmp_path / "nowhere")
-    with pytest.raises(InputError, match=r"--set mask-files.folder"):
-        get_segmenter("mask-files", MaskFilesConfig())
+    with pytest.raises(InputError, match="need the cameras of their pictures: --cameras"):
+        read_masks(tmp_path, None)
 
 
 def test_two_masks_for_one_picture_are_refused(tmp_path):

@@ -83,9 +83,10 @@ def test_what_marks_removed_stays_out_whatever_the_way(background):
 
 def test_a_selection_that_is_refused_is_returned_as_it_was_whatever_the_way():
     config = toy.small_config(background="filled")
-    expected = gt.trim(SCENE, ROUGH, config=config, segmenter=toy.EmptyMasks())
+    expected = toy.trim_by(toy.empty, SCENE, ROUGH, config=config)
     assert expected.objects[0].refused
-    check_same(gt.trim_objects(SCENE, [ROUGH], config=config, segmenter=toy.EmptyMasks()), expected)
+    masks = [(view.view.camera, toy.empty(view.view)) for view in expected.objects[0].views]
+    check_same(gt.trim_objects(SCENE, [ROUGH], config=config, masks=masks), expected)
 
 
 def test_fragments_join_the_object_that_they_hang_on_and_never_two():

@@ -4,11 +4,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+import toy
 from toy import (
     UP,
-    EmptyMasks,
-    OppositeMasks,
-    TightMasks,
     any_rotation,
     ball_on_floor,
     camera_at,
@@ -24,13 +22,15 @@ from toy import (
 )
 
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.geometry.split import SPLIT_RULES
+from gaussian_trimmer.masks import draw_masks
 from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.rendering import blend_values
 from gaussian_trimmer.trimming.config import PlanConfig, SplitConfig, TrimConfig, paper_config
 from gaussian_trimmer.trimming.result import RowLabel
-from gaussian_trimmer.trimming.trim import trim
+from gaussian_trimmer.trimming.trim import trim, trim_objects, views_to_segment
 from gaussian_trimmer.views.virtual_cameras import plan_cameras
 
 SCENE, TRUTH = ball_on_floor()
@@ -90,7 +90,7 @@ def test_without_splits_object_and_background_are_the_scene(kind):
 
 @pytest.mark.parametrize("rule", SPLIT_RULES)
 def test_split_gaussians_have_their_parts_on_both_sides(rule):
-    result = trim(SCENE, SPECKLED, config=splitting_config(rule), segmenter=TightMasks())
+    result = toy.trim_by(toy.tight, SCENE, SPECKLED, config=splitting_config(rule))
     assert result.count(RowLabel.SPLIT_INSIDE) > 0
     assert result.count(RowLabel.SPLIT_OUTSIDE) == (0 if rule == "sagd" else result.count(RowLabel.SPLIT_INSIDE))
     check_parts(result, SPECKLED)
@@ -100,7 +100,7 @@ def test_the_report_of_a_run():
     stages = []
     result = trim(SCENE, TRUTH, config=small_config(split=WHOLE), progress=stages.append)
     assert {"plan", "render", "segment", "weigh"} <= set(stages) == set(result.seconds)
-    assert result.segmenter == "silhouette"
+    assert not any(view.judged for view in result.objects[0].views)
     assert len(result.objects[0].views) == 5
     np.testing.assert_array_equal(result.objects[0].up.direction, UP)
     assert np.linalg.norm(result.objects[0].bounds.centre - [0, 0, 1]) < 0.1
@@ -110,16 +110,29 @@ def test_the_report_of_a_run():
 
 def test_the_outline_is_fitted_only_to_masks_that_know_it_better_than_the_scene():
     cameras, _ = plan_cameras(SCENE.select(TRUTH), UP, PlanConfig(size=96))
-    opacities = {}
-    for source in (None, "labels", "renderings", "photographs", "given"):
-        segmenter = TightMasks()
-        if source:
-            segmenter.mask_source = source
-        result = trim(SCENE, TRUTH, config=small_config(refine="fit"), segmenter=segmenter, view_cameras=cameras)
-        assert len(result.objects[0].fitted)
-        opacities[source] = result.object.opacity_logits.tolist()
-    assert opacities[None] == opacities["labels"] == opacities["renderings"]
-    assert opacities["photographs"] == opacities["given"] != opacities[None]
+    config = small_config(refine="fit")
+    views, _ = views_to_segment(SCENE, TRUTH, config=config, view_cameras=cameras)
+    masks = [(view.camera, toy.tight(view)) for view in views]
+    own, of_pictures = (trim(SCENE, TRUTH, config=config, masks=masks, view_cameras=known) for known in (cameras, None))
+    assert len(own.objects[0].fitted) and len(of_pictures.objects[0].fitted)
+    assert own.object.opacity_logits.tolist() != of_pictures.object.opacity_logits.tolist()
+    logits = [(camera, np.where(mask, 3.0, -3.0)) for camera, mask in masks]
+    again = trim(SCENE, TRUTH, config=config, masks=logits)
+    np.testing.assert_array_equal(again.object.opacity_logits, of_pictures.object.opacity_logits)
+
+
+def test_masks_in_the_views_of_the_trim_itself_are_those_of_renderings():
+    """Silhouettes that are handed back change nothing."""
+    config = small_config(refine="fit")
+    plain = trim(SCENE, SPECKLED, config=config)
+    back = toy.trim_by(lambda view: view.silhouette, SCENE, SPECKLED, config=config)
+    np.testing.assert_array_equal(back.object.opacity_logits, plain.object.opacity_logits)
+    np.testing.assert_array_equal(back.background.means, plain.background.means)
+
+
+def test_masks_are_of_one_object():
+    with pytest.raises(InputError, match="Masks are of one object, and 2 are to be trimmed"):
+        trim_objects(SCENE, [TRUTH, ~TRUTH], masks=[])
 
 
 def test_what_hides_the_object_in_given_views_speaks_against_nothing():
@@ -129,14 +142,9 @@ def test_what_hides_the_object_in_given_views_speaks_against_nothing():
     scene, truth = concatenate([SCENE, fence]), np.append(TRUTH, np.zeros(y.size, np.bool_))
     cameras = [camera_at((9, y, 1), size=128) for y in (-2, 0, 2)]
 
-    class VisibleMasks:
-        name, mask_source = "visible", "photographs"
-
-        def segment(self, views):
-            shares = truth.astype(np.float32)[:, None]
-            return [blend_values(scene, view.camera, shares)[..., 0] > 0.5 for view in views]
-
-    result = trim(scene, truth, config=small_config(split=WHOLE), segmenter=VisibleMasks(), view_cameras=cameras)
+    shares = truth.astype(np.float32)[:, None]
+    masks = [(camera, blend_values(scene, camera, shares)[..., 0] > 0.5) for camera in cameras]
+    result = trim(scene, truth, config=small_config(split=WHOLE), masks=masks)
     assert result.objects[0].refused is None
     behind_it = truth & (scene.means[:, 2] > 0.2) & (scene.means[:, 2] < 0.9)
     assert object_rows(result)[behind_it].mean() > 0.95
@@ -176,10 +184,10 @@ def test_an_object_without_its_scene_stays_whole():
     assert len(result.object) + len(result.background) == len(ball)
 
 
-@pytest.mark.parametrize("segmenter", [EmptyMasks(), OppositeMasks()])
+@pytest.mark.parametrize("draw", [toy.empty, toy.opposite])
 @pytest.mark.parametrize("kind", ["dilated", "with floaters"])
-def test_masks_that_contradict_the_selection_leave_it_as_it_is(segmenter, kind):
-    result = trim(SCENE, SELECTIONS[kind], config=small_config(), segmenter=segmenter)
+def test_masks_that_contradict_the_selection_leave_it_as_it_is(draw, kind):
+    result = toy.trim_by(draw, SCENE, SELECTIONS[kind], config=small_config())
     assert "0 of 5 views" in result.objects[0].refused
     assert all(view.rejected for view in result.objects[0].views)
     np.testing.assert_array_equal(object_rows(result), SELECTIONS[kind])
@@ -223,10 +231,11 @@ def test_the_papers_choices_run():
     check_parts(result, selection)
 
 
-def test_names_and_objects_of_segmenters_are_the_same():
-    by_object = trim(SCENE, SPECKLED, config=small_config(split=WHOLE), segmenter="grabcut")
-    assert by_object.segmenter == "grabcut"
-    assert jaccard(object_rows(by_object), TRUTH) > 0.97
+def test_grabcut_draws_masks_for_a_trim():
+    config = small_config(split=WHOLE)
+    result = trim(SCENE, SPECKLED, config=config, masks=draw_masks(SCENE, SPECKLED, paper=True, config=config))
+    assert all(view.judged for view in result.objects[0].views)
+    assert jaccard(object_rows(result), TRUTH) > 0.97
 
 
 @pytest.mark.parametrize("count", [1, 4])

@@ -13,7 +13,6 @@ from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.reading import decoded_picture, file_bytes, member_bytes, open_archive, picture_size, reading
 from gaussian_trimmer.masks.mask_files import find_mask, ids_of, mask_of
-from gaussian_trimmer.masks.photographs import cameras_with_photos, photo_of
 
 WIDTH, HEIGHT = 24, 16
 
@@ -52,10 +51,10 @@ def test_a_photograph_with_a_film_appended(tmp_path):
     film = np.random.default_rng(0).integers(0, 256, 6_000_000, np.uint8).tobytes()
     assert film.count(b"\xff\xda") > 64
     (tmp_path / "a.jpg").write_bytes(jpeg())
-    alone = photo_of(camera(), camera(), tmp_path)
+    alone = mask_of(camera(), tmp_path)
     (tmp_path / "a.jpg").write_bytes(jpeg() + film)
-    np.testing.assert_array_equal(photo_of(camera(), camera(), tmp_path), alone)
-    assert mask_of(camera(), tmp_path).shape == (HEIGHT, WIDTH)
+    np.testing.assert_array_equal(mask_of(camera(), tmp_path), alone)
+    assert alone.shape == (HEIGHT, WIDTH)
 
 
 def test_a_picture_turned_on_its_side(tmp_path):
@@ -81,8 +80,6 @@ def test_what_cannot_be_measured_is_not_decoded(data, tmp_path, monkeypatch):
     monkeypatch.setattr(cv2, "imdecode", None)
     with pytest.raises(InputError, match=r"a\.jpg' is not a picture"):
         mask_of(camera(), tmp_path)
-    with pytest.raises(InputError, match=r"a\.jpg' is not a picture"):
-        photo_of(camera(), camera(), tmp_path)
 
 
 @pytest.mark.parametrize("size", [(30_000, 30_000), (60_000, 60_000), (40_000, 10)])
@@ -93,8 +90,6 @@ def test_pictures_are_measured_before_they_are_decoded(size, tmp_path, monkeypat
         with pytest.raises(InputError, match="pixels, but its camera has 24 x 16"):
             read(camera(), tmp_path)
     large = camera(width=size[0], height=size[1])
-    with pytest.raises(InputError, match="pixels, too many to decode"):
-        photo_of(camera(), large, tmp_path)
     if size[1] > 10:
         with pytest.raises(InputError, match="pixels, too many to decode"):
             mask_of(large, tmp_path)
@@ -108,17 +103,12 @@ class TestNamesOfCameras:
         (tmp_path / "private" / "a.png").write_bytes(jpeg())
         outside = camera(name.format(tmp_path))
         assert find_mask(tmp_path / "given", outside) is None
-        with pytest.raises(InputError, match="No picture in"):
-            cameras_with_photos([outside], tmp_path / "given")
-        with pytest.raises(InputError, match="no photograph of the camera"):
-            photo_of(outside, outside, tmp_path / "given")
 
     @pytest.mark.parametrize("name", ["sub/a.jpg", "sub/a", "./sub/a.PNG"])
     def test_they_lead_to_folders_below(self, name, tmp_path):
         (tmp_path / "sub").mkdir()
         (tmp_path / "sub" / "a.png").write_bytes(jpeg())
         assert find_mask(tmp_path, camera(name)) == tmp_path / "sub" / "a.png"
-        assert len(cameras_with_photos([camera(name)], tmp_path)) == 1
 
 
 def test_files_that_change_while_they_are_read(tmp_path):

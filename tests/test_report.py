@@ -57,7 +57,7 @@ def test_report_says_how_it_came_about(trimmed, written):
     assert report["configuration"]["plan"]["size"] == 160
     (entry,) = report["objects"]
     assert entry["up"] == {"direction": [0.0, 0.0, 1.0], "source": "given", "confidence": 1.0}
-    assert (report["segmenter"], entry["refused"]) == ("silhouette", None)
+    assert entry["refused"] is None
     assert (entry["id"], entry["name"], entry["file"]) == (1, "object", "object.ply")
     assert report["seconds"]["read"] == 0.25
     assert set(report["seconds"]) > {"plan", "render", "segment", "weigh", "split"}
@@ -79,7 +79,7 @@ def test_report_says_how_it_came_about(trimmed, written):
 )
 def test_every_selected_gaussian_is_counted_once(stages):
     scene, truth = toy.ball_on_floor()
-    result = trim(scene, toy.dilated(scene, truth), config=toy.small_config(**stages), segmenter=toy.TightMasks())
+    result = toy.trim_by(toy.tight, scene, toy.dilated(scene, truth), config=toy.small_config(**stages))
     report = describe(result)
     counts = report["counts"] | report["objects"][0]["counts"]
     assert counts["selected"] == np.count_nonzero(result.selection)
@@ -95,7 +95,7 @@ def test_every_selected_gaussian_is_counted_once(stages):
 def test_reasons_of_a_refused_trim_are_reported():
     scene, truth = toy.ball_on_floor()
     selection = toy.dilated(scene, truth)
-    result = trim(scene, selection, config=toy.small_config(), segmenter=toy.EmptyMasks())
+    result = toy.trim_by(toy.empty, scene, selection, config=toy.small_config())
     report = describe(result)
     (entry,) = report["objects"]
     assert "0 of 5 views" in entry["refused"] and sentences(report)[0].startswith("Not trimmed: only 0 of 5 views")
@@ -107,7 +107,7 @@ def test_the_object_alone_leaves_no_empty_background_file(tmp_path):
     scene, truth = toy.ball_on_floor()
     ball = scene.select(truth)
     everything = np.ones(len(ball), np.bool_)
-    result = trim(ball, everything, config=toy.small_config(), segmenter=toy.EmptyMasks())
+    result = toy.trim_by(toy.empty, ball, everything, config=toy.small_config())
     write_trim(result, {}, tmp_path, ".splat")
     assert sorted(path.name for path in tmp_path.glob("*.splat")) == ["object.splat"]
 

@@ -23,9 +23,9 @@ def page_of(result, **inputs):
     return Page(report_page(result, describe(result, inputs, {"read": 0.25})))
 
 
-def trimmed(segmenter="silhouette", **stages):
+def trimmed(**stages):
     scene, truth = toy.ball_on_floor()
-    return trim(scene, toy.dilated(scene, truth), config=toy.small_config(**stages), segmenter=segmenter)
+    return trim(scene, toy.dilated(scene, truth), config=toy.small_config(**stages))
 
 
 @pytest.fixture(scope="module")
@@ -93,8 +93,7 @@ def test_names_of_strangers_are_shown_as_text(result):
         replace(view, rejected=HOSTILE, view=replace(view.view, camera=replace(view.view.camera, name=HOSTILE)))
         for view in result.objects[0].views
     )
-    hostile = replace(result, segmenter=HOSTILE)
-    hostile = toy.with_object(hostile, views=views, warnings=(HOSTILE,), refused=HOSTILE)
+    hostile = toy.with_object(result, views=views, warnings=(HOSTILE,), refused=HOSTILE)
     page = page_of(hostile, scene=HOSTILE, selection=f"</title>{HOSTILE}", selection_options={HOSTILE: HOSTILE})
     name = HOSTILE.split("/")[-1]
     check_stands_alone(page)
@@ -104,7 +103,8 @@ def test_names_of_strangers_are_shown_as_text(result):
 
 
 def test_refused_trims_and_views_are_shown_as_such():
-    refused = trimmed(toy.EmptyMasks())
+    scene, truth = toy.ball_on_floor()
+    refused = toy.trim_by(toy.empty, scene, toy.dilated(scene, truth), config=toy.small_config())
     page = page_of(refused)
     (_, verdict), *_ = page.all("p", role="alert")
     assert verdict.startswith("Not trimmed: only 0 of 5 views were accepted")
@@ -124,7 +124,7 @@ def test_the_object_alone_has_no_scene_without_it():
     scene, truth = toy.ball_on_floor()
     ball = scene.select(truth)
     everything = np.ones(len(ball), np.bool_)
-    page = page_of(trim(ball, everything, config=toy.small_config(), segmenter=toy.EmptyMasks()))
+    page = page_of(toy.trim_by(toy.empty, ball, everything, config=toy.small_config()))
     assert "Nothing is left" in page.text_of("scene")
 
 

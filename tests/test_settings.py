@@ -14,8 +14,6 @@ from command_line import run
 import gaussian_trimmer
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.geometry.split import SPLIT_RULES
-from gaussian_trimmer.masks import get_segmenter
-from gaussian_trimmer.masks.grabcut import GrabCutConfig
 from gaussian_trimmer.settings import Range, Vector, check_settings, from_plain, hints_of, to_plain
 from gaussian_trimmer.trimming.config import TrimConfig, paper_config
 
@@ -159,8 +157,3 @@ def test_the_command_line_refuses_them_at_once(options, tmp_path, capsys):
     assert options[-1].partition("=")[0] in printed
     assert printed.count("\n") == 1 and "it must be" in printed
     assert not (tmp_path / "out").exists()
-
-
-def test_segmenters_check_their_own():
-    with pytest.raises(InputError, match=r"grabcut\.outer is -1"):
-        get_segmenter("grabcut", GrabCutConfig(outer=-1))

@@ -75,7 +75,7 @@ def test_what_two_objects_claim_goes_to_one():
 
 def test_split_gaussians_have_one_owner():
     config = toy.small_config(split=SplitConfig("plane"))
-    result = trim_objects(SCENE, {1: ROUGH[3], 2: ROUGH[3] | ROUGH[7]}, config=config, segmenter=toy.TightMasks())
+    result = trim_objects(SCENE, {1: ROUGH[3], 2: ROUGH[3] | ROUGH[7]}, config=config)
     assert sum(np.count_nonzero(part.label == RowLabel.SPLIT_INSIDE) for part in result.objects)
     check_complementary(result)
 

@@ -11,13 +11,13 @@ import cv2
 import numba
 import numpy as np
 import pytest
-from toy import TightMasks, ball_on_floor, dilated, small_config, two_balls
+from toy import ball_on_floor, dilated, small_config, tight, trim_by, two_balls
 
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.rendering import blend_values, blend_weights, render, top_contributors
 from gaussian_trimmer.trimming.config import SplitConfig
 from gaussian_trimmer.trimming.result import RowLabel
-from gaussian_trimmer.trimming.trim import trim, trim_objects
+from gaussian_trimmer.trimming.trim import trim_objects
 from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
 N_CALLS = 12
@@ -60,7 +60,7 @@ def trimmed():
     """A whole trim, splits included."""
     scene, truth, _ = ball_and_view()
     config = small_config(split=SplitConfig("plane"))
-    result = trim(scene, dilated(scene, truth), config=config, segmenter=TightMasks())
+    result = trim_by(tight, scene, dilated(scene, truth), config=config)
     assert result.objects[0].refused is None
     assert result.count(RowLabel.SPLIT_INSIDE) > 5
     parts = [

@@ -13,7 +13,7 @@ from onnx import TensorProto, helper, numpy_helper
 SIDE, LOW = 128, 32
 """Sides of the square that pictures are scaled to, and of the masks that come back."""
 SCORES = (0.5, 0.7, 0.6)
-FAMILIES = ("sam2", "sam", "transformers-sam2", "transformers-sam")
+FAMILIES = ("sam2", "sam")
 RED = 2.0
 """Normalised red above this, and green below its negative half, make a pixel red."""
 
@@ -21,27 +21,22 @@ RED = 2.0
 def save_tiny_sam(folder: Path, family: str, scores: tuple[float, ...] = SCORES) -> Path:
     """A folder with an encoder and a decoder, named as that family's exports are."""
     folder.mkdir(parents=True, exist_ok=True)
-    names = ("vision_encoder", "prompt_encoder_mask_decoder") if "transformers" in family else ("encoder", "decoder")
-    for name, model in zip(names, (encoder(family), decoder(family, scores)), strict=True):
-        onnx.save(model, folder / f"{name}.onnx")
+    onnx.save(encoder(family), folder / "encoder.onnx")
+    onnx.save(decoder(family, scores), folder / "decoder.onnx")
     return folder
 
 
 def embeddings(family: str) -> dict[str, tuple[int, ...]]:
     """Names and shapes of what the encoder gives."""
-    small, low, middle = (1, 3, LOW // 2, LOW // 2), (1, 3, LOW, LOW), (1, 3, LOW, LOW)
+    small, low = (1, 3, LOW // 2, LOW // 2), (1, 3, LOW, LOW)
     if family == "sam2":
-        return {"high_res_feats_0": low, "high_res_feats_1": middle, "image_embed": small}
-    if family == "transformers-sam2":
-        return {"image_embeddings.0": low, "image_embeddings.1": middle, "image_embeddings.2": small}
-    if family == "transformers-sam":
-        return {"image_embeddings": low, "image_positional_embeddings": middle}
+        return {"high_res_feats_0": low, "high_res_feats_1": low, "image_embed": small}
     return {"image_embeddings": low}
 
 
 def encoder(family: str, side: int | str = SIDE) -> onnx.ModelProto:
     """Pools the picture, so that an embedding is a small picture."""
-    image = {"sam": "images", "sam2": "image"}.get(family, "pixel_values")
+    image = "images" if family == "sam" else "image"
     nodes = [helper.make_node("AveragePool", [image], ["pooled"], kernel_shape=[4, 4], strides=[4, 4])]
     for name, shape in embeddings(family).items():
         if shape[-1] == LOW:
@@ -54,54 +49,35 @@ def encoder(family: str, side: int | str = SIDE) -> onnx.ModelProto:
 
 def decoder(family: str, scores: tuple[float, ...] = SCORES) -> onnx.ModelProto:
     """Draws the three masks."""
-    transformers, sam2 = "transformers" in family, family.endswith("sam2")
     features = list(embeddings(family))
     inputs = [_floats(*item) for item in embeddings(family).items()]
-    nodes, constants = [], {"scores": np.array([scores], np.float32)}
-    if transformers:
-        inputs += [_floats("input_points", (1, 1, "points", 2)), _integers("input_labels", (1, 1, "points"))]
-        inputs += [_floats("input_boxes", (1, "boxes", 4))] if sam2 else []
-    else:
-        inputs += [_floats("point_coords", (1, "points", 2)), _floats("point_labels", (1, "points"))]
-        inputs += [_floats("mask_input", (1, 1, LOW, LOW)), _floats("has_mask_input", (1,))]
-        inputs += [_floats("orig_im_size", (2,))] if family == "sam" else []
-    nodes += _box_mask("input_boxes" if family == "transformers-sam2" else "", transformers, constants)
-    if transformers:
-        nodes += [_node("Sub", ["inside_box", "one"], "prompted")]
-    else:
-        nodes += [
-            _node("Mul", ["mask_input", "has_mask_input"], "given"),
-            _node("Sub", ["has_mask_input", "one"], "missing"),
-            _node("Add", ["given", "missing"], "prompted"),
-        ]
+    constants = {"scores": np.array([scores], np.float32), "one": np.ones(1, np.float32)}
+    inputs += [_floats("point_coords", (1, "points", 2)), _floats("point_labels", (1, "points"))]
+    inputs += [_floats("mask_input", (1, 1, LOW, LOW)), _floats("has_mask_input", (1,))]
+    inputs += [_floats("orig_im_size", (2,))] if family == "sam" else []
+    nodes = [
+        *_box_mask(constants),
+        _node("Mul", ["mask_input", "has_mask_input"], "given"),
+        _node("Sub", ["has_mask_input", "one"], "missing"),
+        _node("Add", ["given", "missing"], "prompted"),
+    ]
     nodes += _red_mask(features[0], constants)
     nodes += [_node("Concat", ["inside_box", "prompted", "red"], "three", axis=1)]
-    constants["one"] = np.ones(1, np.float32)
-    if transformers:
-        constants["split"] = np.array([1, 1, 3, LOW, LOW], np.int64)
-        constants["split_scores"] = np.array([1, 1, 3], np.int64)
-        nodes += [
-            _node("Reshape", ["three", "split"], "pred_masks"),
-            _node("Reshape", ["scores", "split_scores"], "iou_scores"),
-        ]
-        outputs = [_floats("iou_scores", (1, 1, 3)), _floats("pred_masks", (1, 1, 3, LOW, LOW))]
-    else:
-        low = "low_res_masks" if family == "sam" else "masks"
-        nodes += [_node("Identity", ["three"], low), _node("Identity", ["scores"], "iou_predictions")]
-        outputs = [_floats(low, (1, 3, LOW, LOW)), _floats("iou_predictions", (1, 3))]
+    low = "low_res_masks" if family == "sam" else "masks"
+    nodes += [_node("Identity", ["three"], low), _node("Identity", ["scores"], "iou_predictions")]
+    outputs = [_floats(low, (1, 3, LOW, LOW)), _floats("iou_predictions", (1, 3))]
     return _model(nodes, inputs, outputs, constants)
 
 
-def _box_mask(boxes: str, transformers: bool, constants: dict[str, np.ndarray]) -> list[onnx.NodeProto]:
-    """One inside the box, or around the first two points, and minus one elsewhere; coordinates count pixel centres."""
+def _box_mask(constants: dict[str, np.ndarray]) -> list[onnx.NodeProto]:
+    """One inside the box, and minus one elsewhere; coordinates count pixel centres."""
     centres = ((np.arange(LOW) + 0.5) * SIDE / LOW - 0.5).astype(np.float32)
     constants |= {
         "x": centres.reshape(1, 1, 1, LOW), "y": centres.reshape(1, 1, LOW, 1), "flat": np.array([-1], np.int64),
         "low_x": np.array([0]), "low_y": np.array([1]), "high_x": np.array([2]), "high_y": np.array([3]),
         "two": np.full(1, 2, np.float32), "half": np.full(1, 0.5, np.float32),
     }  # fmt: skip
-    source = boxes or ("input_points" if transformers else "point_coords")
-    nodes = [_node("Reshape", [source, "flat"], "corners")]
+    nodes = [_node("Reshape", ["point_coords", "flat"], "corners")]
     nodes += [_node("Gather", ["corners", name], f"{name}_at") for name in ("low_x", "low_y", "high_x", "high_y")]
     for name, compare, axis in (
         ("low_x", "Less", "x"), ("low_y", "Less", "y"), ("high_x", "Greater", "x"), ("high_y", "Greater", "y")
@@ -140,10 +116,6 @@ def _node(kind: str, inputs: list[str], output: str, **attributes: int) -> onnx.
 
 def _floats(name: str, shape: tuple[int | str, ...]) -> onnx.ValueInfoProto:
     return helper.make_tensor_value_info(name, TensorProto.FLOAT, list(shape))
-
-
-def _integers(name: str, shape: tuple[int | str, ...]) -> onnx.ValueInfoProto:
-    return helper.make_tensor_value_info(name, TensorProto.INT64, list(shape))
 
 
 def _model(

@@ -12,6 +12,7 @@ from gaussian_trimmer.gaussians import SH_C0, Gaussians, concatenate, logit, qua
 from gaussian_trimmer.rendering import Rendering
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.result import RowLabel
+from gaussian_trimmer.trimming.trim import trim, views_to_segment
 from gaussian_trimmer.views.view import TrimmedView, View, bounding_box
 from gaussian_trimmer.views.virtual_cameras import PlanConfig
 
@@ -129,31 +130,25 @@ def accepted_view(camera, mask):
     return TrimmedView(View(camera, black, blank, blank, blank, bounding_box(mask)), mask, None)
 
 
-class EmptyMasks:
-    """A segmenter that finds nothing."""
-
-    name = "empty"
-
-    def segment(self, views):
-        return [np.zeros(view.alpha.shape, np.bool_) for view in views]
+def empty(view):
+    """A mask of nothing."""
+    return np.zeros(view.alpha.shape, np.bool_)
 
 
-class OppositeMasks:
-    """A segmenter that finds all but the object."""
-
-    name = "opposite"
-
-    def segment(self, views):
-        return [~view.silhouette for view in views]
+def opposite(view):
+    """A mask of all but the object."""
+    return ~view.silhouette
 
 
-class TightMasks:
-    """A segmenter of masks a little smaller than the object, so that its rim lies across their contours."""
+def tight(view):
+    """A mask a little smaller than the object, so that its rim lies across the contour."""
+    return cv2.erode(view.silhouette.astype(np.uint8), np.ones((5, 5))) > 0
 
-    name = "tight"
 
-    def segment(self, views):
-        return [cv2.erode(view.silhouette.astype(np.uint8), np.ones((5, 5))) > 0 for view in views]
+def trim_by(draw, scene, selection, **given):
+    """A trim by masks that a function draws in the views which it would look from."""
+    views, _ = views_to_segment(scene, selection, **given)
+    return trim(scene, selection, masks=[(view.camera, draw(view)) for view in views] or None, **given)
 
 
 def object_rows(result):

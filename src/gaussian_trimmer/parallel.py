@@ -22,15 +22,6 @@ _MOST_AT_ONCE = 4
 """Pieces of work that `parallel_map` does at once, since each takes the memory of a view."""
 
 
-def is_thread_safe(plug_in: object) -> bool:
-    """Return whether a segmenter may be called from several threads at once: its own class, or it, says so.
-
-    What a class inherits does not count, since a subclass may keep what it should not.
-    """
-    said = {**vars(type(plug_in)), **getattr(plug_in, "__dict__", {})}
-    return bool(said.get("thread_safe", False))
-
-
 def parallel_for(work: Callable[[int, int], Any], n: int, at_most: int | None = None, at_least: int = 1) -> None:
     """Call work(first, last) for shares that together are the range from 0 to n, on as many threads as Numba is given.
 

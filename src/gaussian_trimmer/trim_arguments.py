@@ -8,20 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.cameras import Camera, CameraSet
-from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
-from gaussian_trimmer.lazy_import import load
-from gaussian_trimmer.masks import (
-    DEFAULT_SEGMENTER,
-    OPTIONS,
-    PAPER_SEGMENTER,
-    SEGMENTERS,
-    Segmenter,
-    get_segmenter,
-    options_kind,
-)
-from gaussian_trimmer.masks.sam import paper_sam
 from gaussian_trimmer.output.engines import EngineName, Origin, PlacingOptions
 from gaussian_trimmer.output.saving import suffix_of
 from gaussian_trimmer.parser import UP, Parser, choice_of
@@ -55,14 +42,16 @@ def add_method(parser: Parser, *, rare: bool = False) -> Any:
     group, config = parser.add_argument_group("how to trim"), hints_of(TrimConfig)
     preset = "Defaults of all settings: this program's, or the GaussianTrimmer paper's"
     group.add_argument("--preset", kind=choice_of(("default", "paper")), default="default", help=preset, rare=rare)
-    views, finding = "Number of virtual views, usually 5", "How the object is found in the views"
+    views, sam = (
+        "Number of virtual views, usually 5",
+        "Folder of a SAM or SAM 2 that draws the object's masks in the views",
+    )
     group.add_argument("--views", kind=hints_of(PlanConfig)["views"], help=views, rare=rare)
-    group.add_argument("--segmenter", kind=choice_of(tuple(SEGMENTERS)), help=finding, rare=rare)
+    group.add_argument("--sam", kind=Path, metavar="DIR", help=sam, rare=rare)
     outline, scene = "Fit the object's outline, or leave whole Gaussians", "How the scene without the object is made"
     group.add_argument("--refine", kind=config["refine"], help=outline, rare=rare)
     group.add_argument("--background", kind=config["background"], help=scene, rare=rare)
-    options = {name: load(kind) for name, kind in OPTIONS.items()}
-    parser.add_settings(group, TrimConfig, selection=SelectionOptions, **options)
+    parser.add_settings(group, TrimConfig, selection=SelectionOptions)
     return group
 
 
@@ -98,26 +87,6 @@ def config_of(arguments: Namespace) -> TrimConfig:
     return replace(config, **{name: value for name, value in flags.items() if value})
 
 
-def segmenter_name(arguments: Namespace) -> str:
-    """Return the name of the segmenter that is asked for, or that of the preset."""
-    return arguments.segmenter or (PAPER_SEGMENTER if arguments.preset == "paper" else DEFAULT_SEGMENTER)
-
-
-def segmenter_options(arguments: Namespace) -> Any:
-    """Return the options of the segmenter, an instance of their dataclass, or None if it has none."""
-    name = segmenter_name(arguments)
-    if (kind := options_kind(name)) is None:
-        return None
-    options = paper_sam(kind()) if arguments.preset == "paper" and name == "sam" else kind()
-    return with_settings(options, arguments.settings, name)
-
-
-def segmenter_of(arguments: Namespace) -> Segmenter:
-    """Return the segmenter with its options."""
-    options = segmenter_options(arguments)
-    return get_segmenter(segmenter_name(arguments), *([] if options is None else [options]))
-
-
 def selection_options_of(arguments: Namespace) -> SelectionOptions:
     """Return how selection files are read."""
     return with_settings(SelectionOptions(), arguments.settings, "selection")
@@ -137,20 +106,3 @@ def suffix_for(arguments: Namespace) -> str:
     if arguments.format is None:
         return formats.written_suffix(identify(arguments.scene).scene)
     return suffix_of(arguments.format)
-
-
-def views_of_masks(segmenter: Segmenter, cameras: CameraSet | None, config: TrimConfig) -> list[Camera] | None:
-    """Return the cameras of the masks that a segmenter has; None if it segments any view.
-
-    Raises:
-        InputError: the settings ask for a number of virtual views, which would not be used.
-    """
-    if not hasattr(segmenter, "own_cameras"):
-        return None
-    views: list[Camera] = segmenter.own_cameras(cameras)
-    if config.plan.views != PlanConfig().views:
-        raise InputError(
-            f"The segmenter '{segmenter.name}' looks from the cameras of its {len(views)} masks, so "
-            f"{config.plan.views} virtual views cannot be had; leave --views out, or remove masks from their folder."
-        )
-    return views

@@ -24,7 +24,6 @@ from gaussian_trimmer.evaluation.tables import (
     unit_scores,
 )
 from gaussian_trimmer.evaluation.trials import Run, find_files, measure, read_ids, trials_of, way_of
-from gaussian_trimmer.masks import DEFAULT_SEGMENTER, PAPER_SEGMENTER
 from gaussian_trimmer.options import Names, Positional, arg
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import check_settings, to_plain
@@ -119,8 +118,7 @@ class _EvaluateDataset:
             name: [find_files(task, folder, self.root, patterns, bool(ids)) for task in tasks]
             for name, folder in folders.items()
         }
-        segmenter = PAPER_SEGMENTER if self.preset == "paper" else DEFAULT_SEGMENTER
-        way = {str(self.preset): way_of(self.config, segmenter)}
+        way = {str(self.preset): way_of(self.config, paper=self.preset == "paper")}
         # Lines on the progress belong to no CSV or JSON.
         progress = open_console(quiet=self.tables.quiet or self.tables.json or self.tables.format != "table")
         methods: dict[str, list[Run]] = {name: [] for name in found}

@@ -38,7 +38,7 @@ from gaussian_trimmer.selecting.select import resolve_views, select
 from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.settings import Range
 from gaussian_trimmer.surface.overview import Overview, OverviewConfig, drawn_rows, plan_views
-from gaussian_trimmer.trim_arguments import add_scene, add_trimming, segmenter_options
+from gaussian_trimmer.trim_arguments import add_scene, add_trimming
 from gaussian_trimmer.trimming.result import THE_OBJECT
 from gaussian_trimmer.trimming.up_vector import UpVector, find_up
 
@@ -98,7 +98,7 @@ def run(arguments: Namespace) -> int:
         _write_views(arguments, console)
         return 0
     if (folder := arguments.trim) is not None:
-        used = vars(segmenter_options(arguments) or Namespace()).values()
+        used = (arguments.sam,)
         given = [file for file in (arguments.scene, path, arguments.cameras, *used) if isinstance(file, Path)]
         marks = folder / MARKS
         return trim_into(

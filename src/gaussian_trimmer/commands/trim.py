@@ -43,9 +43,6 @@ from gaussian_trimmer.selection_files.selection_file import open_selection
 from gaussian_trimmer.trim_arguments import (
     add_scene,
     add_trimming,
-    segmenter_name,
-    segmenter_of,
-    segmenter_options,
     selection_options_of,
 )
 from gaussian_trimmer.trimming.result import THE_OBJECT
@@ -82,6 +79,10 @@ def add_arguments(parser: Parser) -> None:
     group.add_argument("--exclude", kind=tuple[Path, ...], metavar="FILE ...", help=others)
     add_marks(parser, rare=True)
     add_trimming(parser)
+    group = parser.add_argument_group("masks of pictures")
+    masks = "Folder of masks of the object, named like the cameras' pictures, in place of virtual views; or a pattern "
+    masks += "such as 'out/*/chosen_cup.png', in which * stands for the name or its number"
+    group.add_argument("--masks", dest="own_masks", kind=Path, metavar="DIR", help=masks)
     group = add_results(parser, "DIR", "Folder for the results (default: trimmed/SCENE-SELECTION)")
     again = "Trim as an earlier run did, by its report.json; options beside it are added"
     group.add_argument("--config", dest="config_file", kind=Path, metavar="FILE", help=again)
@@ -169,6 +170,8 @@ def check(arguments: Namespace) -> None:
     given_last = selection is not None and identify(selection).kind in ("splats", "torch")
     if given_last and not identify(scene).may_be_scene:
         raise InputError(f"'{scene.name}' is not a splat file; the scene comes before the selection.")
+    if arguments.own_masks is not None and (arguments.sam or arguments.views is not None):
+        raise InputError("--masks has its own cameras and masks; leave --sam and --views out.")
     marks = marks_of(arguments)
     if arguments.labels is None:
         if arguments.objects:
@@ -176,11 +179,8 @@ def check(arguments: Namespace) -> None:
         return
     if selection is not None or marks:
         raise InputError("--labels says what to trim; leave SELECTION and marks out.")
-    if hasattr(segmenter_of(arguments), "own_cameras"):
-        raise InputError(
-            f"The segmenter '{segmenter_name(arguments)}' has masks of one object; with --labels choose another, or "
-            "give --labels a folder of masks whose pixels are ids."
-        )
+    if arguments.own_masks is not None:
+        raise InputError("--masks is for one object; give --labels a folder of masks whose pixels are ids.")
 
 
 def _read(arguments: Namespace, console: Console, read: ReadScene) -> Selected:
@@ -236,7 +236,7 @@ def _labelled(arguments: Namespace, scene: Gaussians, cameras: CameraSet | None)
 def files_of(arguments: Namespace) -> Iterator[Path]:
     """Yield the files, and folders of masks, that are read. A folder with cameras may hold the results as well."""
     yield from (path for path in (arguments.cameras, arguments.labels) if path is not None and path.is_file())
-    options = [vars(options) for options in (selection_options_of(arguments), segmenter_options(arguments)) if options]
+    options = [vars(selection_options_of(arguments)), {"sam": arguments.sam, "masks": arguments.own_masks}]
     within = [value for values in options for value in values.values()]
     given = [arguments.scene, arguments.selection, *arguments.exclude, *within, *mark_files(arguments)]
     yield from (path for path in given if isinstance(path, Path))

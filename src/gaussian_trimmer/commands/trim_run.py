@@ -23,15 +23,18 @@ from gaussian_trimmer.commands.console import (
     print_warnings,
     progress_over_stages,
 )
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.masks import draw_masks
+from gaussian_trimmer.masks.mask_files import read_masks
 from gaussian_trimmer.output.report import describe, sentences
 from gaussian_trimmer.output.saving import PAGE, PICTURE, RESULTS, result_files, write_trim
 from gaussian_trimmer.parser import Parser
 from gaussian_trimmer.selecting.marks import Click, write_marks
 from gaussian_trimmer.selecting.selection import Selection
-from gaussian_trimmer.trim_arguments import config_of, placing_of, segmenter_of, suffix_for, views_of_masks
+from gaussian_trimmer.trim_arguments import config_of, placing_of, suffix_for
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.result import TrimResult, title_of
@@ -177,9 +180,12 @@ def _trim(
     stage: Callable[[str], None],
     console: Console,
 ) -> TrimResult:
-    segmenter = segmenter_of(arguments)
-    views = views_of_masks(segmenter, cameras, config_of(arguments))
     announce_compiling(console)
-    return trim_objects(
-        scene, selections, config=config, segmenter=segmenter, cameras=cameras, view_cameras=views, progress=stage
-    )
+    folder, sam, paper = getattr(arguments, "own_masks", None), arguments.sam, arguments.preset == "paper"
+    masks = None if folder is None else read_masks(folder, cameras)
+    if len(selections) > 1 and (sam is not None or paper):
+        raise InputError("--sam and --preset paper are for one object; trim the objects one by one.")
+    if masks is None and len(selections) == 1:
+        (selection,) = selections.values()
+        masks = draw_masks(scene, selection, sam=sam, paper=paper, progress=stage, config=config, cameras=cameras)
+    return trim_objects(scene, selections, config=config, masks=masks, cameras=cameras, progress=stage)

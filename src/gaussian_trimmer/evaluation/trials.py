@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
@@ -25,7 +26,8 @@ from gaussian_trimmer.evaluation.scoring import Cut, Judge, Scores, mean_scores
 from gaussian_trimmer.formats.identify import FORMATS, METHOD_FILES, SELECTION_SUFFIXES
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import file_bytes, reading
-from gaussian_trimmer.masks import DEFAULT_SEGMENTER, Segmenter
+from gaussian_trimmer.masks import draw_masks
+from gaussian_trimmer.masks.sam import SamModel
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.surface.visible_surface import evenly_spread
 from gaussian_trimmer.trimming.config import TrimConfig
@@ -119,19 +121,19 @@ class Run:
 
 
 def way_of(
-    config: TrimConfig | None = None, segmenter: str | Segmenter = DEFAULT_SEGMENTER, training_views: int = 0
+    config: TrimConfig | None = None, *, sam: SamModel | None = None, paper: bool = False, training_views: int = 0
 ) -> Way:
-    """Return a way of trimming: with some settings, and if asked for with training cameras in place of virtual ones."""
+    """Return a way of trimming: with some settings, by masks that a model draws or that are drawn as in the paper, and
+    if asked for with training cameras in place of virtual ones."""
     given = config or TrimConfig()
 
     def trim_it(trial: Trial) -> TrimResult:
         views = evenly_spread(training_cameras(trial.cameras), training_views) if training_views else None
         chosen = given if trial.up is None else replace(given, up=trial.up)
         assert trial.before.selection is not None, "trials begin with a selection"
-        return trim(
-            trial.gaussians, trial.before.selection, config=chosen, segmenter=segmenter, cameras=trial.cameras,
-            view_cameras=views,
-        )  # fmt: skip
+        known: dict[str, Any] = {"config": chosen, "cameras": trial.cameras, "view_cameras": views}
+        masks = draw_masks(trial.gaussians, trial.before.selection, sam=sam, paper=paper, **known)
+        return trim(trial.gaussians, trial.before.selection, masks=masks, **known)
 
     return trim_it
 

@@ -1,6 +1,6 @@
-"""Masks of a segmenter and silhouettes of labels, fused: each is believed where it is known to be right.
+"""Masks of a model and silhouettes of labels, fused: each is believed where it is known to be right.
 
-A segmenter that looks at pictures knows the edges of large Gaussians and of thin things before the sky. The corrected
+A model that looks at pictures knows the edges of large Gaussians and of thin things before the sky. The corrected
 labels know what is hidden and what belongs together, and their silhouettes agree from view to view. Where the two
 differ in a view, the mask is followed if it is sure of itself there and the masks of the other views say the same of
 the Gaussians that are shown there. Both are evidence of the masks themselves: no threshold on the labels is involved.
@@ -33,8 +33,7 @@ _AGREEMENT_WEIGHT = 3.83
 _ADDING_WEIGHT = 0.39
 """Gain of regions that the mask adds and loss of those that it removes."""
 _MIN_SUPPORT = 0.84
-"""Smallest sum of these from which on the mask of a rendering is followed: even odds lie at 0.34. That of a photograph,
-which shows what the scene does not, is followed wherever the sum is positive."""
+"""Smallest sum of these from which on a mask is followed: even odds lie at 0.34."""
 _TILE_PIXELS = 32
 """Side of the tiles, in pixels of a view of 512, that regions are cut into: a mask may be right at one end of a long
 seam and wrong at the other."""
@@ -49,36 +48,34 @@ _MIN_OVERLAP = 0.5
 
 def fuse_with_silhouettes(
     views: Sequence[View],
-    silhouettes: Sequence[BoolArray],
     logits: Sequence[FloatArray],
     gaussians: Gaussians,
-) -> tuple[list[BoolArray], int]:
-    """Return silhouettes of labels, changed where the masks of a segmenter are better supported.
+) -> list[BoolArray]:
+    """Return silhouettes of labels, changed where the masks of a model are better supported.
 
     Args:
         views: V views.
-        silhouettes: masks by the labels, (H, W) each.
-        logits: masks by the segmenter, above zero on the object, (H, W) each.
+        logits: masks by the model, above zero on the object, (H, W) each.
         gaussians: what the views show, N Gaussians.
 
     Returns:
-        masks (H, W), one for each view, and how many of the segmenter's masks were set aside as of something else.
+        masks (H, W), one for each view; those of the model that show something else are set aside.
     """
+    silhouettes = [view.silhouette for view in views]
     masks = [logit > 0 for logit in logits]
     trusted = [mask_overlap(m, s) >= _MIN_OVERLAP for m, s in zip(masks, silhouettes, strict=True)]
     elsewhere = _shares_elsewhere(views, masks, trusted, gaussians)
     fused = []
     for number, silhouette in enumerate(silhouettes):
         if trusted[number]:
-            least = 0.0 if views[number].photographed else _MIN_SUPPORT
-            follow = _supported(silhouette, logits[number], elsewhere[number], least)
+            follow = _supported(silhouette, logits[number], elsewhere[number])
             fused.append(np.where(follow, masks[number], silhouette))
         else:
             fused.append(silhouette.copy())
-    return fused, trusted.count(False)
+    return fused
 
 
-def _supported(silhouette: BoolArray, logits: FloatArray, elsewhere: FloatArray, least: float) -> BoolArray:
+def _supported(silhouette: BoolArray, logits: FloatArray, elsewhere: FloatArray) -> BoolArray:
     """Return pixels at which mask and silhouette differ and the mask is to be followed, (H, W)."""
     mask = logits > 0
     regions, count = _regions(silhouette, mask)
@@ -92,7 +89,7 @@ def _supported(silhouette: BoolArray, logits: FloatArray, elsewhere: FloatArray,
     confidence = mean(np.abs(np.clip(logits, -_MAX_LOGIT, _MAX_LOGIT)))
     agreement = sign * (mean(elsewhere) - 0.5)
     support = _CONFIDENCE_WEIGHT * confidence + _AGREEMENT_WEIGHT * agreement + _ADDING_WEIGHT * sign
-    return np.asarray(member & (support > least)[regions])
+    return np.asarray(member & (support > _MIN_SUPPORT)[regions])
 
 
 def _regions(silhouette: BoolArray, mask: BoolArray) -> tuple[NDArray[np.int32], int]:

@@ -1,4 +1,4 @@
-"""Masks from the user, for cameras whose pictures exist: segmentation without virtual views.
+"""Masks from files, for cameras whose pictures exist.
 
 A mask belongs to the camera whose picture has the same name: `IMG_7.png` or `IMG_7.JPG.png` to `IMG_7.JPG`. In a
 pattern instead of a folder, `*` stands for that name without its ending, or for the number at its end.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -29,56 +28,28 @@ from gaussian_trimmer.io.reading import (
     picture_size,
     reading,
 )
-from gaussian_trimmer.masks import MaskSource
-from gaussian_trimmer.views.view import HALF_COVERAGE, View
+from gaussian_trimmer.views.view import HALF_COVERAGE, ViewMasks
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 _MAX_FILE_BYTES = 1 << 28
 _NUMBER = re.compile(r"\d+$")
 
 
-@dataclass(frozen=True)
-class MaskFilesConfig:
-    """Where the masks are."""
+def read_masks(folder: Path, cameras: CameraSet | None) -> ViewMasks:
+    """Return the cameras that have a mask in a folder, each with its mask, as `trim` takes them.
 
-    folder: Path | None = None
-    """Folder of the masks, each named like the picture of its camera, or a pattern such as 'out/*/chosen_cup.png', in
-    which * stands for that name or the number in it; the object is bright."""
-
-
-class MaskFilesSegmenter:
-    """Takes the mask of every view from a file. The views must be those of the masks' own cameras.
+    Args:
+        folder: holds the masks, each named like the picture of its camera; or a pattern such as 'out/*/chosen_cup.png',
+            in which * stands for that name or the number in it. The object is bright.
+        cameras: those of the masks' pictures.
 
     Raises:
-        InputError: no folder of masks is given.
+        InputError: there are no cameras, their images are distorted, the folder has no mask for any, or one cannot be
+            read or is of another size.
     """
-
-    name = "mask-files"
-    mask_source: MaskSource = "given"
-
-    def __init__(self, config: MaskFilesConfig | None = None) -> None:
-        folder = config.folder if config else None
-        if folder is None:
-            raise InputError("The segmenter 'mask-files' needs the folder of the masks: --set mask-files.folder=DIR.")
-        self._folder = folder
-
-    def own_cameras(self, cameras: CameraSet | None) -> list[Camera]:
-        """Return the cameras that have a mask.
-
-        Raises:
-            InputError: there are no cameras, their images are distorted, or the folder has no mask for any.
-        """
-        if cameras is None:
-            raise InputError("The segmenter 'mask-files' needs the cameras of the masks' pictures: --cameras PATH.")
-        return cameras_with_masks(cameras.pinhole_cameras(), self._folder)
-
-    def segment(self, views: Sequence[View]) -> list[BoolArray]:
-        """Return one mask (H, W) for each view, True where the file is brighter than half.
-
-        Raises:
-            InputError: a view has no mask, or one that cannot be read or is of another size.
-        """
-        return [mask_of(view.camera, self._folder) for view in views]
+    if cameras is None:
+        raise InputError(f"The masks in '{folder}' need the cameras of their pictures: --cameras PATH.")
+    return [(camera, mask_of(camera, folder)) for camera in cameras_with_masks(cameras.pinhole_cameras(), folder)]
 
 
 def mask_of(camera: Camera, folder: Path) -> BoolArray:

@@ -1,21 +1,19 @@
 """A model of the SAM family as two ONNX files: one that encodes a picture, one that draws masks for prompts in it.
 
-Exports of these models differ in the names of their inputs and outputs. Three families are told apart by these alone:
+Two exports are understood, which differ in the names of their inputs and outputs:
 
 - SAM 2 as exporters of the original code write it: the encoder gives `image_embed` and `high_res_feats_0` and `_1`; the
-  decoder takes these with `point_coords`, `point_labels`, `mask_input` and `has_mask_input`.
+  decoder takes these with `point_coords`, `point_labels`, `mask_input` and `has_mask_input`. Pictures are stretched to
+  the model's square.
 - SAM and MobileSAM as the original code exports them: one `image_embeddings`, the same prompts, and `orig_im_size`.
-- Either one as Transformers.js has them: `pixel_values` becomes `image_embeddings` and what belongs to them; prompts
-  are `input_points`, `input_labels` and, for SAM 2, `input_boxes`.
+  Pictures keep their proportions, with nothing below or to the right.
 
-Models with high-resolution features are SAM 2: pictures are stretched to its square. The others are SAM: pictures keep
-their proportions, with nothing below or to the right. Boxes are two points with labels of their own where a decoder
-has no input for boxes.
+Boxes are two points with labels of their own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -27,131 +25,104 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray
-from gaussian_trimmer.masks.onnx_model import (
-    BOXES,
-    HAS_MASK,
-    LABELS,
-    MASK,
-    NUMBER_TYPES,
-    POINTS,
-    POSITIONAL,
-    SIZE,
-    WHERE,
-    find_files,
-    find_outputs,
-    first_line,
-    match_embeddings,
-    only_input,
-    side_of,
-)
-from gaussian_trimmer.masks.prompts import BACKGROUND, BOX_CORNERS, FOREGROUND, IMAGENET, Prompt
+from gaussian_trimmer.io.reading import is_file
+from gaussian_trimmer.views.view import Box
 
-PROVIDERS = {
-    "cuda": "CUDAExecutionProvider",
-    "coreml": "CoreMLExecutionProvider",
-    "directml": "DmlExecutionProvider",
-    "cpu": "CPUExecutionProvider",
+BOX_CORNERS = (2, 3)
+"""Point labels by which models of the SAM family know a box's two corners."""
+MASK_LOGITS = (20.0, -10.0)
+"""Scale and offset that turn a mask of zeros and ones into the logits that such a model takes as a prompt."""
+IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
+"""Mean and standard deviation of the colours that these models were trained on."""
+_PROMPTS = ("point_coords", "point_labels", "mask_input", "has_mask_input")
+_SIZE = "orig_im_size"
+_MASKS, _SCORES = ("low_res_masks", "masks"), "iou_predictions"
+_DTYPES = {
+    "tensor(float)": np.float32,
+    "tensor(float16)": np.float16,
+    "tensor(double)": np.float64,
+    "tensor(int64)": np.int64,
+    "tensor(int32)": np.int32,
+    "tensor(uint8)": np.uint8,
 }
-"""Names of what runs a model, best first, and what ONNX Runtime calls them."""
-_MAX_BYTES = 8 << 30
-_MAX_MASKS = 64
+_USUAL_SIDE, _POSSIBLE_SIDES = 1024, range(32, 4097)
+"""Sides of the square that pictures are scaled to, in pixels."""
+_MAX_FILES, _MAX_BYTES, _MAX_MASKS = 64, 8 << 30, 64
+_WHERE = "docs/sam.md says where models come from"
 
 
 @dataclass(frozen=True, eq=False)
-class Embedding:
-    """What an encoder made of one picture."""
+class Prompt:
+    """What the model is told of the object. Pixels' centres are at +0.5."""
 
-    tensors: Mapping[str, NDArray[Any]]
-    """Inputs of the decoder by name."""
-    width: int
-    height: int
-    """Size of the picture in pixels."""
+    box: Box
+    """Pixels (x0, y0, x1, y1) around the object; x1 and y1 are exclusive."""
+    logits: FloatArray | None = None
+    """Where the object is expected: above zero on it, (H, W)."""
 
-    @property
-    def n_bytes(self) -> int:
-        """Memory that it takes."""
-        return sum(tensor.nbytes for tensor in self.tensors.values())
-
-
-@dataclass(frozen=True, eq=False)
-class Candidates:
-    """The masks that a decoder proposes for one prompt."""
-
-    logits: FloatArray
-    """Above zero on the object, (K, H, W)."""
-    scores: FloatArray
-    """The model's own estimate of each mask's intersection over union with the truth, (K,); ones if it gives none."""
+    def corners(self) -> Float64Array:
+        """Return centres of the box's first and last pixel, (2, 2)."""
+        x0, y0, x1, y1 = self.box
+        return np.array([[x0 + 0.5, y0 + 0.5], [x1 - 0.5, y1 - 0.5]])
 
 
 class OnnxSam:
     """Encoder and decoder of one model, loaded.
 
     Args:
-        folder: holds the two files, or has a folder `onnx` that does.
-        provider: a key of `PROVIDERS`, or "auto" for the first that is there.
+        folder: holds the two files.
 
     Raises:
-        InputError: ONNX Runtime is not installed or lacks the provider, the folder does not hold one encoder and one
-            decoder of the SAM family, or they cannot be loaded.
+        InputError: ONNX Runtime is not installed, the folder does not hold one encoder and one decoder of the SAM
+            family, or they cannot be loaded.
     """
 
-    def __init__(self, folder: Path, provider: str = "auto") -> None:
+    def __init__(self, folder: Path) -> None:
         self._runtime = _import_runtime()
         self._errors = _errors_of(self._runtime)
-        self._providers = _find_providers(self._runtime, provider)
-        encoder, decoder = find_files(folder)
-        self._encoder, self._decoder = (self._load(path) for path in (encoder, decoder))
-        used = self._encoder.get_providers()[0]
-        if provider != "auto" and used != self._providers[0]:
-            raise InputError(f"ONNX Runtime cannot start {self._providers[0]} here and would take {used}.")
-        self.provider = next(name for name, full in PROVIDERS.items() if full == used)
-        self._image = only_input(self._encoder, encoder)
+        self._encoder_path, self._decoder_path = _find_files(folder)
+        self._encoder, self._decoder = (self._load(path) for path in (self._encoder_path, self._decoder_path))
+        self._image = self._only_input()
         self._inputs = {node.name: node for node in self._decoder.get_inputs()}
-        self._sources = match_embeddings(self._encoder, self._inputs, encoder, decoder)
-        self._masks, self._scores = find_outputs(self._decoder, decoder)
-        self.is_sam2 = len([name for name in self._sources if name != POSITIONAL]) > 1
-        self.side = side_of(self._image, encoder)
-        self.takes_mask = any(name in self._inputs for name in MASK)
-        self.takes_box = any(name in self._inputs for name in BOXES) or POINTS[0] in self._inputs or self.is_sam2
-        self._decoder_path, self._encoder_path = decoder, encoder
+        self._features = self._match_features()
+        outputs = [node.name for node in self._decoder.get_outputs()]
+        self._masks = next((name for name in _MASKS if name in outputs), "")
+        if not self._masks or _SCORES not in outputs:
+            raise InputError(
+                f"'{self._decoder_path}' is not a decoder of the SAM family: it gives {', '.join(outputs)}, and not "
+                "masks with their scores."
+            )
+        self.is_sam2 = len(self._features) > 1
+        self.side = self._find_side()
 
-    @property
-    def family(self) -> str:
-        """Kind of model and of export, for reports."""
-        kind = "SAM 2" if self.is_sam2 else "SAM"
-        return f"{kind}, {'Transformers.js' if 'input_points' in self._inputs else 'original'} export"
+    def propose(self, rgb: FloatArray, prompt: Prompt) -> tuple[FloatArray, FloatArray]:
+        """Return the masks that the model proposes for a prompt in a picture, and its estimates of their quality.
 
-    def encode(self, rgb: FloatArray) -> Embedding:
-        """Return what the encoder makes of a picture (H, W, 3) in [0, 1]; values outside are clipped.
+        Args:
+            rgb: the picture, (H, W, 3) in [0, 1]; values outside are clipped.
+            prompt: what is known of the object.
 
-        Raises:
-            InputError: the model cannot be run on it.
-        """
-        height, width = rgb.shape[:2]
-        outputs = self._run(self._encoder, self._encoder_path, list(self._sources.values()), self._pixels(rgb))
-        return Embedding(dict(zip(self._sources, outputs, strict=True)), width, height)
-
-    def decode(self, embedding: Embedding, prompt: Prompt) -> Candidates:
-        """Return the masks that the decoder proposes for a prompt in an encoded picture.
+        Returns:
+            Logits above zero on the object, (K, H, W), and expected intersections over union, (K,).
 
         Raises:
             InputError: the model cannot be run on it, or gives something else than masks.
         """
-        feeds = {**embedding.tensors, **self._prompt_feeds(embedding, prompt)}
-        names = [self._masks] + ([self._scores] if self._scores else [])
-        outputs = self._run(self._decoder, self._decoder_path, names, feeds)
-        masks = np.asarray(outputs[0], np.float32)
+        height, width = rgb.shape[:2]
+        features = self._run(self._encoder, self._encoder_path, list(self._features.values()), self._pixels(rgb))
+        feeds = dict(zip(self._features, features, strict=True)) | self._prompt_feeds(width, height, prompt)
+        masks, scores = self._run(self._decoder, self._decoder_path, [self._masks, _SCORES], feeds)
+        masks, scores = np.asarray(masks, np.float32), np.asarray(scores, np.float32).ravel()
         n_masks = int(np.prod(masks.shape[:-2], dtype=np.int64)) if masks.ndim >= 3 else 0
         if not 1 <= n_masks <= _MAX_MASKS or 0 in masks.shape[-2:] or not np.isfinite(masks).all():
             raise InputError(
                 f"The decoder '{self._decoder_path}' gives '{self._masks}' of shape {masks.shape}; up to {_MAX_MASKS} "
                 "masks of finite numbers are needed."
             )
-        masks = masks.reshape(n_masks, *masks.shape[-2:])
-        scores = np.asarray(outputs[1], np.float32).ravel() if self._scores else np.ones(n_masks, np.float32)
         if len(scores) != n_masks:
             raise InputError(f"The decoder '{self._decoder_path}' gives {len(scores)} scores for {n_masks} masks.")
-        return Candidates(self._at_picture_size(masks, embedding), np.nan_to_num(scores))
+        masks = masks.reshape(n_masks, *masks.shape[-2:])
+        return self._at_picture_size(masks, width, height), np.nan_to_num(scores)
 
     def _load(self, path: Path) -> Any:
         if path.stat().st_size > _MAX_BYTES:
@@ -163,15 +134,57 @@ class OnnxSam:
         if path.suffix == ".ort":  # such files have been optimised, and doing it again makes some unusable
             options.graph_optimization_level = self._runtime.GraphOptimizationLevel.ORT_DISABLE_ALL
         try:
-            return self._runtime.InferenceSession(str(path), options, providers=self._providers)
+            return self._runtime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
         except self._errors as error:
-            raise InputError(f"The model '{path}' cannot be loaded ({first_line(error)}); {WHERE}.") from error
+            raise InputError(f"The model '{path}' cannot be loaded ({_first_line(error)}); {_WHERE}.") from error
 
-    def _run(self, session: Any, path: Path, names: list[str], feeds: Mapping[str, NDArray[Any]]) -> list[Any]:
+    def _run(
+        self, session: Any, path: Path, names: Sequence[str], feeds: Mapping[str, NDArray[Any]]
+    ) -> list[NDArray[Any]]:
         try:
-            return list(session.run(names, dict(feeds)))
+            return list(session.run(list(names), dict(feeds)))
         except self._errors as error:
-            raise InputError(f"The model '{path}' cannot be run ({first_line(error)}).") from error
+            raise InputError(f"The model '{path}' cannot be run ({_first_line(error)}).") from error
+
+    def _only_input(self) -> Any:
+        """Return the input of the encoder that takes the picture; InputError if it takes something else."""
+        inputs = self._encoder.get_inputs()
+        fits = len(inputs) == 1 and len(inputs[0].shape) == 4 and inputs[0].type in _DTYPES
+        if not fits or (isinstance(inputs[0].shape[1], int) and inputs[0].shape[1] != 3):
+            found = ", ".join(f"{node.name} {node.shape}" for node in inputs)
+            raise InputError(f"'{self._encoder_path}' is not an encoder of a picture: it takes {found or 'nothing'}.")
+        return inputs[0]
+
+    def _match_features(self) -> dict[str, str]:
+        """Return the inputs of the decoder that the encoder gives: by the same names, or the only one there is."""
+        given = [node.name for node in self._encoder.get_outputs()]
+        wanted = [name for name in self._inputs if name not in (*_PROMPTS, _SIZE)]
+        if not wanted or any(name not in self._inputs for name in _PROMPTS):
+            raise InputError(
+                f"'{self._decoder_path}' is not a decoder of the SAM family as the original code exports it: it takes "
+                f"{', '.join(self._inputs)}. {_WHERE[0].upper()}{_WHERE[1:]}."
+            )
+        if unknown := [node for node in self._inputs.values() if node.type not in _DTYPES]:
+            raise InputError(f"'{self._decoder_path}' cannot be run: its {unknown[0].name} is a {unknown[0].type}.")
+        if len(wanted) == len(given) == 1:
+            return {wanted[0]: given[0]}
+        if missing := [name for name in wanted if name not in given]:
+            raise InputError(
+                f"The decoder '{self._decoder_path}' needs '{missing[0]}', which the encoder '{self._encoder_path}' "
+                f"does not give (it gives {', '.join(given)}); take both files from one export."
+            )
+        return {name: name for name in wanted}
+
+    def _find_side(self) -> int:
+        """Return the side of the square that the encoder's pictures are scaled to."""
+        spatial = self._image.shape[2:]
+        known = {size for size in spatial if isinstance(size, int)}
+        if len(known) > 1 or any(size not in _POSSIBLE_SIDES for size in known):
+            raise InputError(
+                f"The encoder '{self._encoder_path}' takes pictures of {' x '.join(map(str, spatial))} pixels; squares "
+                f"of {_POSSIBLE_SIDES.start} to {_POSSIBLE_SIDES.stop - 1} are supported."
+            )
+        return known.pop() if known else _USUAL_SIDE
 
     def _scale(self, width: int, height: int) -> Float64Array:
         """Return pixels of the model's square for each pixel of a picture, across and down, (2,)."""
@@ -182,69 +195,79 @@ class OnnxSam:
     def _pixels(self, rgb: FloatArray) -> dict[str, NDArray[Any]]:
         """Return a picture as the encoder takes it."""
         size = np.maximum(1, np.round(self._scale(rgb.shape[1], rgb.shape[0]) * rgb.shape[1::-1])).astype(int)
-        image = np.clip(rgb, 0, 1).astype(np.float32)
-        shrinks = size[0] < rgb.shape[1]
-        way = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-        image = np.asarray(cv2.resize(image, size.tolist(), interpolation=way), np.float32)
-        dtype = NUMBER_TYPES[self._image.type]
-        if len(self._image.shape) == 3:  # such encoders normalise and fill up themselves
-            fixed = [n if isinstance(n, int) else m for n, m in zip(self._image.shape, image.shape, strict=True)]
-            whole = np.zeros(fixed, np.float32)
-            whole[: size[1], : size[0]] = np.round(255 * image)
-            return {self._image.name: whole.astype(dtype)}
+        way = cv2.INTER_AREA if size[0] < rgb.shape[1] else cv2.INTER_LINEAR
+        image = cv2.resize(np.clip(rgb, 0, 1).astype(np.float32), size.tolist(), interpolation=way)
         mean, std = (np.asarray(values, np.float32) for values in IMAGENET)
         square = np.zeros((self.side, self.side, 3), np.float32)
-        square[: size[1], : size[0]] = (image - mean) / std
-        return {self._image.name: np.ascontiguousarray(square.transpose(2, 0, 1)[None]).astype(dtype)}
-
-    def _prompt_feeds(self, embedding: Embedding, prompt: Prompt) -> dict[str, NDArray[Any]]:
-        """Return a prompt as the decoder takes it: pixels of the model's square, counted by their centres."""
-        scale = self._scale(embedding.width, embedding.height)
-        points, labels = prompt.points * scale - 0.5, np.where(prompt.inside, FOREGROUND, BACKGROUND)
-        boxes = np.zeros((0, 4))
-        if prompt.box is not None and self.takes_box:
-            corners = prompt.corners() * scale - 0.5
-            if any(name in self._inputs for name in BOXES):
-                boxes = corners.reshape(1, 4)
-            else:
-                points, labels = np.concatenate([corners, points]), np.concatenate([BOX_CORNERS, labels])
-        side = self._mask_side()
-        given = prompt.logits is not None and self.takes_mask
-        mask = self._at_model_size(prompt.logits, side) if given else np.zeros((side, side))
-        transformers = "input_points" in self._inputs
-        values = {
-            POINTS: points[None, None] if transformers else points[None],
-            LABELS: labels[None, None] if transformers else labels[None],
-            BOXES: boxes[None],
-            MASK: mask[None, None],
-            HAS_MASK: np.array([float(given)]),
-            SIZE: np.array([embedding.height, embedding.width]),
+        square[: size[1], : size[0]] = (np.asarray(image, np.float32) - mean) / std
+        return {
+            self._image.name: np.ascontiguousarray(square.transpose(2, 0, 1)[None]).astype(_DTYPES[self._image.type])
         }
-        feeds = {name: value for names, value in values.items() for name in names if name in self._inputs}
-        return {name: value.astype(NUMBER_TYPES[self._inputs[name].type]) for name, value in feeds.items()}
 
-    def _mask_side(self) -> int:
-        for name in MASK:
-            if name in self._inputs and isinstance(self._inputs[name].shape[-1], int):
-                return int(self._inputs[name].shape[-1])
-        return self.side // 4
+    def _prompt_feeds(self, width: int, height: int, prompt: Prompt) -> dict[str, NDArray[Any]]:
+        """Return a prompt as the decoder takes it: pixels of the model's square, counted by their centres."""
+        fixed = self._inputs["mask_input"].shape[-1]
+        side = int(fixed) if isinstance(fixed, int) else self.side // 4
+        mask = np.zeros((side, side)) if prompt.logits is None else self._at_model_size(prompt.logits, side)
+        values = {
+            "point_coords": (prompt.corners() * self._scale(width, height) - 0.5)[None],
+            "point_labels": np.array([BOX_CORNERS]),
+            "mask_input": mask[None, None],
+            "has_mask_input": np.array([float(prompt.logits is not None)]),
+            _SIZE: np.array([height, width]),
+        }
+        return {
+            name: value.astype(_DTYPES[self._inputs[name].type])
+            for name, value in values.items()
+            if name in self._inputs
+        }
 
-    def _at_model_size(self, logits: FloatArray | None, side: int) -> FloatArray:
+    def _at_model_size(self, logits: FloatArray, side: int) -> FloatArray:
         """Return logits of a picture (H, W) in the square of the mask prompt, (side, side)."""
-        assert logits is not None
         sx, sy = self._scale(logits.shape[1], logits.shape[0]) * side / self.side
         columns, rows = (np.arange(side) + 0.5) / sx - 0.5, (np.arange(side) + 0.5) / sy - 0.5
         blurred = cv2.blur(logits, (max(1, round(1 / sx)), max(1, round(1 / sy))))
         return _sampled(blurred.astype(np.float32), columns, rows)
 
-    def _at_picture_size(self, masks: FloatArray, embedding: Embedding) -> FloatArray:
+    def _at_picture_size(self, masks: FloatArray, width: int, height: int) -> FloatArray:
         """Return logits (K, h, w) as they come from the decoder, at the picture's size, (K, H, W)."""
-        width, height = embedding.width, embedding.height
-        if any(name in self._inputs for name in SIZE) and masks.shape[1:] == (height, width):
+        if _SIZE in self._inputs and masks.shape[1:] == (height, width):
             return masks
         scale = self._scale(width, height) * np.array([masks.shape[2], masks.shape[1]]) / self.side
         columns, rows = ((np.arange(n) + 0.5) * s - 0.5 for n, s in zip((width, height), scale, strict=True))
         return np.stack([_sampled(mask, columns, rows) for mask in masks])
+
+
+def _find_files(folder: Path) -> tuple[Path, Path]:
+    """Return encoder and decoder in a folder; their names tell which is which.
+
+    Raises:
+        InputError: the folder cannot be read, or does not have one of each.
+    """
+    try:
+        files = [file for file in sorted(folder.iterdir()) if file.suffix in (".onnx", ".ort") and is_file(file)]
+    except (OSError, ValueError) as error:
+        raise InputError(f"The folder '{folder}' cannot be read ({_first_line(error)}); {_WHERE}.") from error
+    if len(files) > _MAX_FILES:
+        raise InputError(f"The folder '{folder}' has {len(files)} model files; put the two that are meant into one.")
+    decoders = [file for file in files if "decoder" in file.name.lower()]
+    encoders = [file for file in files if "encoder" in file.name.lower() and file not in decoders]
+    rest = [file for file in files if file not in decoders and file not in encoders]
+    if encoders and not decoders and len(rest) == 1:  # the original export script names decoders after checkpoints
+        decoders = rest
+    return _one_of(encoders, "encoder", folder), _one_of(decoders, "decoder", folder)
+
+
+def _one_of(files: Sequence[Path], role: str, folder: Path) -> Path:
+    if not files:
+        raise InputError(
+            f"The folder '{folder}' has no .onnx or .ort file with '{role}' in its name; a SAM model is an encoder "
+            f"and a decoder. {_WHERE[0].upper()}{_WHERE[1:]}."
+        )
+    if len(files) > 1:
+        names = ", ".join(file.name for file in files)
+        raise InputError(f"The folder '{folder}' has several {role}s ({names}); leave one.")
+    return files[0]
 
 
 def _sampled(image: FloatArray, columns: Float64Array, rows: Float64Array) -> FloatArray:
@@ -258,9 +281,7 @@ def _import_runtime() -> Any:
     try:
         return import_module("onnxruntime")
     except ImportError as error:
-        raise InputError(
-            f'The segmenter sam needs ONNX Runtime ({error}); run: pip install "gaussian-trimmer[sam]".'
-        ) from error
+        raise InputError(f'SAM needs ONNX Runtime ({error}); run: pip install "gaussian-trimmer[sam]".') from error
 
 
 def _errors_of(runtime: Any) -> tuple[type[Exception], ...]:
@@ -270,14 +291,6 @@ def _errors_of(runtime: Any) -> tuple[type[Exception], ...]:
     return (*kinds, RuntimeError, ValueError, TypeError, OSError, NotImplementedError)
 
 
-def _find_providers(runtime: Any, name: str) -> list[str]:
-    there = set(runtime.get_available_providers())
-    if name == "auto":
-        return [full for full in PROVIDERS.values() if full in there]
-    if PROVIDERS[name] not in there:
-        available = ", ".join(short for short, full in PROVIDERS.items() if full in there)
-        raise InputError(
-            f"The installed ONNX Runtime cannot run models on '{name}'; it has: {available}. Its packages "
-            "onnxruntime-gpu (CUDA) and onnxruntime-directml (Windows) replace onnxruntime."
-        )
-    return list(dict.fromkeys([PROVIDERS[name], PROVIDERS["cpu"]]))
+def _first_line(error: Exception) -> str:
+    """Return what an error of ONNX Runtime says first."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")[:300]

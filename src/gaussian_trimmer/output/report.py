@@ -58,7 +58,6 @@ def describe(
         "version": __version__,
         "inputs": dict(inputs or {}),
         "configuration": asdict(result.config),
-        "segmenter": result.segmenter,
         "objects": [_describe_object(result, part, labels, f"{stems[part.id]}{suffix}") for part in result.objects],
         "counts": _count_scene(result),
         "seconds": _rounded({**(seconds or {}), **result.seconds}),

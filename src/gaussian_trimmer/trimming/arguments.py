@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,14 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from gaussian_trimmer.cameras import Camera, CameraSet, vector_of_up
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
-from gaussian_trimmer.masks import Segmenter
-from gaussian_trimmer.parallel import is_thread_safe, parallel_map
 from gaussian_trimmer.settings import check_settings
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.stroke_cuts import StrokeCut
 from gaussian_trimmer.trimming.up_vector import UpVector
-
-Made = TypeVar("Made")
+from gaussian_trimmer.views.view import ViewMasks
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +38,12 @@ class RoughObject:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Setup:
-    """A scene of N Gaussians, how its objects are trimmed, and what draws and segments them."""
+    """A scene of N Gaussians, and how its objects are trimmed."""
 
     scene: Gaussians
     config: TrimConfig
-    segmenter: Segmenter
+    masks: ViewMasks | None = None
+    """Masks of the object, if there is but one; None: the silhouettes of the corrected labels."""
     cameras: CameraSet | None = None
     """The cameras that the scene was trained with."""
     view_cameras: Sequence[Camera] | None = None
@@ -56,10 +54,6 @@ class Setup:
     """The up vector of all objects; None if each must find the plane that it stands on."""
     up_warning: str | None = None
     """What speaks against it."""
-
-    def map(self, work: Callable[..., Made], *items: Iterable[Any]) -> Iterator[Made]:
-        """Do as `map` does, for work with the segmenter."""
-        return (parallel_map if is_thread_safe(self.segmenter) else map)(work, *items)
 
 
 def mask_of_selection(selection: ArrayLike, n: int) -> BoolArray:
@@ -208,3 +202,37 @@ def settings(
         config = replace(config, up=vector_of_up(up))
     check_settings(config)
     return config
+
+
+def checked_masks(masks: Any) -> ViewMasks | None:
+    """Return masks of one object as booleans, each with its camera; None if there are none.
+
+    Raises:
+        InputError: they are not pairs of a camera and a mask of its size, of booleans or of floats.
+    """
+    if masks is None:
+        return None
+    try:
+        pairs = [(camera, np.asarray(mask)) for camera, mask in masks]
+    except (TypeError, ValueError, RuntimeError) as error:  # not pairs, ragged, or on a device
+        raise InputError(f"Masks are pairs of a camera and its mask, in a list ({error}).") from error
+    if not pairs or not all(isinstance(camera, Camera) for camera, _ in pairs):
+        raise InputError("Masks are pairs of a gaussian_trimmer.cameras.Camera and its mask; give at least one.")
+    for number, (camera, mask) in enumerate(pairs):
+        if mask.shape != (camera.height, camera.width) or mask.dtype.kind not in "bf":
+            raise InputError(
+                f"Mask {number} has the shape {mask.shape} and type {mask.dtype}; booleans (such as 'mask > 127') are "
+                f"needed, or floats above zero on the object, of the camera's {camera.height} rows of {camera.width}."
+            )
+    return [(camera, mask if mask.dtype == np.bool_ else np.asarray(mask > 0)) for camera, mask in pairs]
+
+
+def same_cameras(first: Sequence[Camera], second: Sequence[Camera]) -> bool:
+    """Return whether two lists hold the same cameras in the same order."""
+    return len(first) == len(second) and all(
+        a.width == b.width
+        and a.height == b.height
+        and np.array_equal(a.world_to_camera, b.world_to_camera)
+        and np.array_equal(a.K, b.K)
+        for a, b in zip(first, second, strict=True)
+    )

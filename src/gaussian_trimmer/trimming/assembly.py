@@ -8,7 +8,6 @@ import numpy as np
 
 from gaussian_trimmer.cameras import training_cameras
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, LabelArray, concatenate
-from gaussian_trimmer.masks import description_of
 from gaussian_trimmer.removal.inpainting import scale_radiance
 from gaussian_trimmer.removal.remove import Removal
 from gaussian_trimmer.trimming.arguments import Setup
@@ -131,7 +130,6 @@ def assemble_result(
         discarded=np.flatnonzero(discarded),
         contested=contested,
         config=setup.config,
-        segmenter=description_of(setup.segmenter),
         cameras=tuple(training_cameras(setup.cameras)),
         seconds=seconds,
     )

@@ -21,7 +21,7 @@ from gaussian_trimmer.gaussians import (
 from gaussian_trimmer.geometry.bounds import Bounds, touching
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering import Rendering, blend_values, render
-from gaussian_trimmer.trimming.arguments import Setup
+from gaussian_trimmer.trimming.arguments import Setup, same_cameras
 from gaussian_trimmer.trimming.config import CONTEXT_RADIUS
 from gaussian_trimmer.views.observed_angles import cameras_that_see
 from gaussian_trimmer.views.observed_side import limit_yaw_to_observed
@@ -51,7 +51,11 @@ class SceneCrop:
     excluded: BoolArray
     """Which of them may not become part of the object, (L,)."""
     occluders: Gaussians
-    """What else the cameras see before the object, if they were given: photographs and masks show that, too."""
+    """What else the cameras see before the object, unless they were planned: pictures and masks show that, too."""
+    planned: bool
+    """Whether the cameras are virtual ones that were planned for the object."""
+    pictured: bool
+    """Whether there are masks of pictures from the cameras, which show more than the scene does."""
 
     @cached_property
     def local(self) -> Gaussians:
@@ -93,19 +97,35 @@ def crop_scene(setup: Setup, selection: BoolArray, excluded: BoolArray, up: Floa
     """
     scene, config = setup.scene, setup.config
     known = training_cameras(setup.cameras)
-    planned, bounds = plan_cameras(scene.select(selection), up, config.plan, known)
+    virtual, bounds = plan_cameras(scene.select(selection), up, config.plan, known)
     rows, selected = _surroundings(scene, selection, bounds, config.context_radius)
+    cameras, whole_bounds = virtual, bounds
     if setup.view_cameras:
-        planned = list(setup.view_cameras)
+        cameras = list(setup.view_cameras)
     elif not cameras_that_see(known, bounds):
         plan = limit_yaw_to_observed(scene, selection, bounds, config.plan)
         if plan is not config.plan:
-            planned, bounds = plan_cameras(scene.select(rows[selected]), up, plan)
+            cameras, bounds = plan_cameras(scene.select(rows[selected]), up, plan)
+    masked = [camera for camera, _ in setup.masks or ()]
+    pictured = bool(masked) and not same_cameras(masked, cameras)
+    if pictured:
+        cameras, bounds = masked, whole_bounds
+    planned = not pictured and not setup.view_cameras
     occluding = np.zeros(len(scene), np.bool_)
-    if setup.view_cameras and config.context_radius > 0:
-        occluding = _before(scene, setup.view_cameras, bounds)
+    if not planned and config.context_radius > 0:
+        occluding = _before(scene, cameras, bounds)
         occluding[rows] = False
-    return SceneCrop(scene, bounds, planned, rows, selected, (excluded & ~selection)[rows], scene.select(occluding))
+    return SceneCrop(
+        scene,
+        bounds,
+        cameras,
+        rows,
+        selected,
+        (excluded & ~selection)[rows],
+        scene.select(occluding),
+        planned,
+        pictured,
+    )
 
 
 def render_crop(crop: SceneCrop) -> SceneRenderings:
@@ -120,7 +140,7 @@ def render_crop(crop: SceneCrop) -> SceneRenderings:
 
 
 def complete_views(crop: SceneCrop, renderings: SceneRenderings, probability: FloatArray) -> list[View]:
-    """Return what the segmenter is given for each camera of a crop.
+    """Return what each camera of a crop sees of the object and around it.
 
     Args:
         crop: the object and the Gaussians around it, L of them.

@@ -13,22 +13,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gaussian_trimmer.cameras import training_cameras
-from gaussian_trimmer.gaussians import BoolArray, IntArray, LabelArray, mask_of_rows
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, LabelArray, mask_of_rows
 from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
-from gaussian_trimmer.masks import knows_outlines, mask_source_of
 from gaussian_trimmer.trimming.acceptance import check_masks, excessive_loss, rejection
 from gaussian_trimmer.trimming.alpha_targets import OutlineViews, resized_mask
 from gaussian_trimmer.trimming.arguments import RoughObject, Setup
 from gaussian_trimmer.trimming.clock import Clock
-from gaussian_trimmer.trimming.crop import SceneCrop, complete_views, crop_scene, render_crop
+from gaussian_trimmer.trimming.crop import SceneCrop, SceneRenderings, complete_views, crop_scene, render_crop
 from gaussian_trimmer.trimming.diagnosis import find_wrong_input, selection_warning, up_warning
 from gaussian_trimmer.trimming.evidence import Decomposition, prune_halo, vote
 from gaussian_trimmer.trimming.label_crf import correct_labels
-from gaussian_trimmer.trimming.plugin_checks import checked_masks
 from gaussian_trimmer.trimming.straddlers import split_straddlers
 from gaussian_trimmer.trimming.up_vector import UpVector, find_up
 from gaussian_trimmer.views.small_views import close_up_of, views_at_heights
-from gaussian_trimmer.views.view import HALF, TrimmedView, without_pictures
+from gaussian_trimmer.views.view import HALF, TrimmedView, View, without_pictures
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,23 +69,16 @@ class Decision:
 
 def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
     """Decide which Gaussians belong to an object as if it were the only one."""
-    config, segmenter = setup.config, setup.segmenter
+    config = setup.config
     with clock("plan"):
         decision = _plan(setup, rough)
     crop = decision.crop
     if decision.refused:
         return decision
-    with clock("render"):
-        renderings = render_crop(crop)
-    with clock("correct"):
-        probability = correct_labels(crop.local, crop.selected, renderings.visible, crop.bounds, config.label_crf)
-        probability[crop.excluded] = 0
-    with clock("render"):
-        unsegmented = complete_views(crop, renderings, probability)
+    renderings, probability, unsegmented = _look(setup, crop, clock)
     with clock("segment"):
-        masks = checked_masks(segmenter, unsegmented, crop.shown, lambda part: clock.part(f"segment {part}"))
-        judged = mask_source_of(segmenter) != "labels"
-        views = check_masks(unsegmented, masks, config.acceptance, judged)
+        masks = [mask for _, mask in setup.masks] if setup.masks else [view.silhouette for view in unsegmented]
+        views = check_masks(unsegmented, masks, config.acceptance, judged=setup.masks is not None)
     decision = replace(decision, views=tuple(views))
     refused = rejection(views, config.acceptance)
     if refused:
@@ -108,6 +99,25 @@ def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
         crop.selected, parts.members, renderings.visible, renderings.visible_alone, config.acceptance
     )
     return replace(decision, refused=refused) if refused else replace(decision, outline=outline, parts=parts)
+
+
+def look(setup: Setup, rough: RoughObject) -> tuple[list[View], Gaussians]:
+    """Return the views of an object that masks are to be drawn in, none if it is refused, and what they show."""
+    decision = _plan(setup, rough)
+    views = [] if decision.refused else _look(setup, decision.crop, Clock(lambda stage: None, log=None))[2]
+    return views, decision.crop.shown
+
+
+def _look(setup: Setup, crop: SceneCrop, clock: Clock) -> tuple[SceneRenderings, FloatArray, list[View]]:
+    """Return what the cameras of a crop see, the corrected labels of its L Gaussians, (L,), and the views of both."""
+    with clock("render"):
+        renderings = render_crop(crop)
+    with clock("correct"):
+        settings = setup.config.label_crf
+        probability = correct_labels(crop.local, crop.selected, renderings.visible, crop.bounds, settings)
+        probability[crop.excluded] = 0
+    with clock("render"):
+        return renderings, probability, complete_views(crop, renderings, probability)
 
 
 def _plan(setup: Setup, rough: RoughObject) -> Decision:
@@ -135,13 +145,13 @@ def _outline_views(
 ) -> OutlineViews:
     """Return small views of an object: from several heights, or cut out of the views of given cameras.
 
-    The masks of given cameras are known if they know more of the object's outline than the scene does.
+    Masks of pictures know more of the object's outline than the scene does.
     """
     settings, bounds, masks = setup.config.refinement, crop.bounds, None
-    if setup.view_cameras:
+    if not crop.planned:
         close = [close_up_of(trimmed.view.camera, bounds, settings.size) for trimmed in accepted]
         cameras = [camera for camera, _ in close]
-        if knows_outlines(setup.segmenter):
+        if crop.pictured:
             masks = [resized_mask(v.mask[part], camera) for v, (camera, part) in zip(accepted, close, strict=True)]
     else:
         known = training_cameras(setup.cameras)

@@ -116,8 +116,6 @@ class TrimResult:
     """Number of Gaussians that several objects claimed."""
     config: TrimConfig
     """The settings."""
-    segmenter: str
-    """What the segmenter says of itself: its name, or more."""
     cameras: tuple[Camera, ...]
     """The training cameras, if known."""
     seconds: dict[str, float]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -11,22 +11,32 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaussian_trimmer.cameras import Camera, CameraSet, as_camera_set
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians, LabelArray, check_gaussians
 from gaussian_trimmer.geometry.bounds import own_frame, robust_bounds
 from gaussian_trimmer.geometry.limits import check_magnitudes
-from gaussian_trimmer.masks import DEFAULT_SEGMENTER, Segmenter, get_segmenter
+from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.removal.remove import Removal, remove
 from gaussian_trimmer.removal.views import RemovalViews
-from gaussian_trimmer.trimming.arguments import RoughObject, Setup, mask_of_excluded, rough_objects, settings
+from gaussian_trimmer.trimming.arguments import (
+    RoughObject,
+    Setup,
+    checked_masks,
+    mask_of_excluded,
+    rough_objects,
+    same_cameras,
+    settings,
+)
 from gaussian_trimmer.trimming.assembly import assemble_object, assemble_result
 from gaussian_trimmer.trimming.clock import LOG, Clock, Progress
 from gaussian_trimmer.trimming.config import TrimConfig
-from gaussian_trimmer.trimming.decision import Decision, decide
+from gaussian_trimmer.trimming.decision import Decision, decide, look
 from gaussian_trimmer.trimming.diagnosis import up_warning
 from gaussian_trimmer.trimming.overlaps import resolve_overlaps
 from gaussian_trimmer.trimming.result import THE_OBJECT, TrimResult
 from gaussian_trimmer.trimming.up_vector import KNOWN_SOURCES, find_up
 from gaussian_trimmer.views.small_views import views_of_place
+from gaussian_trimmer.views.view import View
 
 
 def trim(
@@ -34,7 +44,7 @@ def trim(
     selection: ArrayLike,
     *,
     config: TrimConfig | None = None,
-    segmenter: Segmenter | str = DEFAULT_SEGMENTER,
+    masks: Iterable[tuple[Camera, ArrayLike]] | None = None,
     cameras: CameraSet | Sequence[Camera] | None = None,
     views: int | None = None,
     view_cameras: Sequence[Camera] | None = None,
@@ -48,9 +58,8 @@ def trim(
         scene: all N Gaussians; the object alone also works, without background augmentation.
         selection: the object, roughly: booleans (N,), N whole numbers that are 0 and 1 or 0 and 255, or the numbers of
             the object's rows, from 0, each once.
-        progress: called with the name of each stage when it begins; segmenters that take seconds a view add which
-            one they are at, as in "segment 2 of 5".
-        config, segmenter, cameras, views, view_cameras, up, excluded: as those of `trim_objects`.
+        progress: called with the name of each stage when it begins.
+        config, masks, cameras, views, view_cameras, up, excluded: as those of `trim_objects`.
 
     Raises:
         InputError: as `trim_objects`.
@@ -59,7 +68,7 @@ def trim(
         scene,
         {THE_OBJECT: selection},
         config=config,
-        segmenter=segmenter,
+        masks=masks,
         cameras=cameras,
         views=views,
         view_cameras=view_cameras,
@@ -75,7 +84,7 @@ def trim_objects(
     objects: Mapping[Any, ArrayLike] | Sequence[ArrayLike] | NDArray[np.integer[Any]],
     *,
     config: TrimConfig | None = None,
-    segmenter: Segmenter | str = DEFAULT_SEGMENTER,
+    masks: Iterable[tuple[Camera, ArrayLike]] | None = None,
     cameras: CameraSet | Sequence[Camera] | None = None,
     views: int | None = None,
     view_cameras: Sequence[Camera] | None = None,
@@ -93,33 +102,25 @@ def trim_objects(
             overlap; `find_objects(scene).selections()` gives those that are sure. What marks removed from one stays out
             of that one. Or the id of each Gaussian's object, integers (N,), 0 for none.
         config: settings of all stages.
-        segmenter: a segmenter, or the name of one.
+        masks: what one object shows in some views, in place of the silhouettes of its corrected labels: pairs of a
+            camera and a mask (H, W), booleans or floats above zero on the object. If these are the views that a trim
+            looks from itself, as `views_to_segment` gives them, masks say which Gaussians belong to it; others are of
+            pictures and also know its outline, which is fitted to them.
         cameras: the cameras that the scene was trained with, a set or a list, if known: they give the up vector and
             the range of angles from which an object was observed.
         views: number of virtual views of each object, in place of `config.plan.views`.
-        view_cameras: cameras to look from in place of virtual ones: the "no virtual cameras" ablation, or those of
-            given masks.
+        view_cameras: cameras to look from in place of virtual ones: the "no virtual cameras" ablation.
         up: the up vector in the scene's coordinates, in place of `config.up`: three numbers, or an axis, "z" or "-y".
         excluded: booleans (N,), which Gaussians become part of no object unless they are selected.
         progress: called with the name of each stage when it begins, or with "object ID" when an object's turn comes.
 
     Raises:
         InputError: there is no object; a selection does not fit the scene, is empty or can be understood in two ways;
-            a setting is out of its range; the scene holds numbers with which nothing can be computed; or a
-            segmenter of the caller's gives something else than its contract says.
+            a setting is out of its range; the scene holds numbers with which nothing can be computed; or the
+            masks cannot be used, or are given for several objects.
     """
-    check_gaussians(scene)
-    check_magnitudes(scene)
-    cameras = as_camera_set(cameras)
-    rough, clock = rough_objects(objects, len(scene)), Clock(progress)
-    setup = Setup(
-        scene=scene,
-        config=settings(config, views, up, view_cameras),
-        segmenter=get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter,
-        cameras=cameras,
-        view_cameras=view_cameras,
-        excluded=mask_of_excluded(excluded, len(scene)),
-    )
+    setup, rough = _set_up(scene, objects, config, masks, cameras, views, view_cameras, up, excluded)
+    clock = Clock(progress)
     numbers = range(1, len(rough) + 1)
     decisions = _decide_all(setup, rough, clock)
     with clock("share out"):
@@ -127,7 +128,7 @@ def trim_objects(
     removals, hidden = list[Removal | None]([None] * len(rough)), np.zeros(len(scene), np.bool_)
     if setup.config.background != "exact":
         with clock("remove"):
-            removals = list(setup.map(partial(_remove, setup, owner), _light(decisions), numbers))
+            removals = list(parallel_map(partial(_remove, setup, owner), _light(decisions), numbers))
             owner = _with_fragments(setup, decisions, owner, removals)
             for decision, removal in zip(decisions, removals, strict=True):
                 if removal is not None:
@@ -135,9 +136,63 @@ def trim_objects(
             hidden &= owner == 0
     with clock("refine"):
         fitted = partial(assemble_object, setup, owner, hidden)
-        assembled = list(setup.map(fitted, _light(decisions), removals, numbers))
+        assembled = list(parallel_map(fitted, _light(decisions), removals, numbers))
     with clock("assemble"):
         return assemble_result(setup, assembled, owner, hidden, decisions, removals, contested, clock.seconds)
+
+
+def views_to_segment(
+    scene: Gaussians,
+    selection: ArrayLike,
+    *,
+    config: TrimConfig | None = None,
+    cameras: CameraSet | Sequence[Camera] | None = None,
+    views: int | None = None,
+    view_cameras: Sequence[Camera] | None = None,
+    up: str | ArrayLike | None = None,
+    excluded: ArrayLike | None = None,
+) -> tuple[list[View], Gaussians]:
+    """Return the views that a trim with these arguments looks from, in order of yaw, and the Gaussians that they show.
+
+    Masks drawn in them go to `trim` as pairs of a view's `camera` and the mask. There are no views of a selection that
+    a trim would leave as it is.
+
+    Raises:
+        InputError: as `trim`.
+    """
+    setup, (rough,) = _set_up(scene, {THE_OBJECT: selection}, config, None, cameras, views, view_cameras, up, excluded)
+    return look(setup, rough)
+
+
+def _set_up(
+    scene: Gaussians,
+    objects: Any,
+    config: TrimConfig | None,
+    masks: Any,
+    cameras: CameraSet | Sequence[Camera] | None,
+    views: int | None,
+    view_cameras: Sequence[Camera] | None,
+    up: Any,
+    excluded: Any,
+) -> tuple[Setup, list[RoughObject]]:
+    """Check what callers give, and bring it into one form."""
+    check_gaussians(scene)
+    check_magnitudes(scene)
+    rough = rough_objects(objects, len(scene))
+    if masks is not None and len(rough) > 1:
+        raise InputError(f"Masks are of one object, and {len(rough)} are to be trimmed; trim them one by one.")
+    checked = checked_masks(masks)
+    if checked and view_cameras and not same_cameras([camera for camera, _ in checked], view_cameras):
+        raise InputError("Masks come with the cameras to look from; leave view_cameras out.")
+    setup = Setup(
+        scene=scene,
+        config=settings(config, views, up, view_cameras),
+        masks=checked,
+        cameras=as_camera_set(cameras),
+        view_cameras=view_cameras,
+        excluded=mask_of_excluded(excluded, len(scene)),
+    )
+    return setup, rough
 
 
 def _decide_all(setup: Setup, rough: Sequence[RoughObject], clock: Clock) -> list[Decision]:
@@ -156,7 +211,7 @@ def _decide_all(setup: Setup, rough: Sequence[RoughObject], clock: Clock) -> lis
         decision = decide(setup, part, own_clock).without_pictures()
         return replace(decision, seconds=own_clock.seconds)
 
-    decisions, found = [], setup.map(decided, rough)
+    decisions, found = [], parallel_map(decided, rough)
     for part in rough:
         with clock(f"object {part.id}"):
             decisions.append(next(found))

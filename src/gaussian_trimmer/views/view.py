@@ -1,4 +1,4 @@
-"""A view: what one camera sees of an object, and the mask that a segmenter drew in it."""
+"""A view: what one camera sees of an object, and the mask that was drawn in it."""
 
 from __future__ import annotations
 
@@ -32,9 +32,13 @@ Box = tuple[int, int, int, int]
 """Pixel box (x0, y0, x1, y1); x1 and y1 are exclusive."""
 
 
+ViewMasks = list[tuple[Camera, BoolArray]]
+"""Cameras, each with a mask of one object, (H, W)."""
+
+
 @dataclass(frozen=True, eq=False)
 class View:
-    """What a segmenter is given for one camera."""
+    """What one camera sees of an object, and what is known of it there."""
 
     camera: Camera
     picture: Rendering
@@ -49,8 +53,6 @@ class View:
     """Bounding box of the selected object rendered in isolation: the prompt of eq. 6."""
     hidden: BoolArray | None = None
     """Pixels of the selected object where something clearly nearer hides it, (H, W); None: there are none."""
-    photographed: bool = False
-    """Whether the picture is a photograph, which shows more than the scene does, and not a rendering of the scene."""
 
     def __repr__(self) -> str:
         return f"<View: {self.camera.width} x {self.camera.height} pixels>"
@@ -89,7 +91,7 @@ class TrimmedView:
 
     view: View
     mask: BoolArray
-    """The segmenter's mask, (H, W)."""
+    """The mask of the object, (H, W)."""
     rejected: str | None
     """Why the mask was rejected; None if it was accepted."""
     judged: bool = True
