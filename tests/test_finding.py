@@ -17,7 +17,7 @@ from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.judging import FindConfig
 from gaussian_trimmer.finding.saving import draw_plan
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.surface.contacts import Contacts, one_thing
+from gaussian_trimmer.surface.regions import one_thing
 from gaussian_trimmer.surface.room_surfaces import find_room
 from gaussian_trimmer.surface.visible_surface import find_visible_surface, views_of
 from gaussian_trimmer.trimming.up_vector import SURE_CONFIDENCE
@@ -104,7 +104,7 @@ def test_the_lowest_strip_of_what_stands_may_belong_to_it_though_it_lies_in_the_
 ])  # fmt: skip
 def test_parts_of_a_thing_have_long_contacts_or_like_colours_or_are_small(spread, area, accuracy, is_one):
     values = [np.array([value]) for value in (spread, area, accuracy)]
-    (odds,) = one_thing(Contacts(np.array([0, 1]), np.array([[0, 1]]), *values))
+    (odds,) = one_thing(*values)
     assert (odds > 0) == is_one
 
 

@@ -4,21 +4,23 @@ Two regions are linked along their contact: by how much Gaussians of both overla
 and how convex the surface is. A link is measured against the size of the smaller region, so that neither scale nor
 density matter, and in each round those join that are each other's strongest link. What does not stand on a surface of
 the room by itself is part of something that does, however weak the link is. When nothing else is left to join, regions
-that stand do, the likeliest first, as long as they are rather one thing than two: `contacts.py` says which are.
+that stand do, the likeliest first, as long as they are rather one thing than two. Parts of one thing meet along a
+contact that is long beside the smaller part, have colours in common, or are small; the weights of these three were
+learned from scenes in which things were put against each other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numba
 import numpy as np
 
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
 from gaussian_trimmer.geometry.compiling import CACHE
 from gaussian_trimmer.geometry.components import connected_pairs
-from gaussian_trimmer.surface.contacts import Colours, Contacts, one_thing
 from gaussian_trimmer.surface.room_surfaces import Room
+from gaussian_trimmer.surface.surface_estimates import COLOURS, blurred_histograms
 from gaussian_trimmer.surface.visible_surface import VisibleSurface
 
 _jit = numba.njit(cache=CACHE, nogil=True)
@@ -37,9 +39,21 @@ _OTHER_COLOURS = 0.83
 _LARGE_PART = 0.15
 """Smallest share of an object's area that its main parts have, where it is split."""
 _BORDER_ROUNDS = 20
+_REGIONS_AT_ONCE = 64
+_WEIGHTS, _INTERCEPT = (19.32, -5.69, -0.92), -2.04
+"""Change of the log-odds that two regions are one thing with each of the measures; and where all of these are zero."""
 
-Odds = Callable[[Contacts], Float64Array]
-"""Says of P contacts how likely each joins one thing, above zero if it rather does, (P,)."""
+
+def one_thing(spread: Float64Array, areas: Float64Array, accuracy: Float64Array) -> Float64Array:
+    """Return log-odds that two regions which touch, and both stand, are one thing, for P contacts, (P,).
+
+    Args:
+        spread: standard deviation of the places where they touch, relative to the root of the smaller area, (P,).
+        areas: area of the smaller region, in square units, (P,).
+        accuracy: balanced accuracy of telling both apart by their colours, 0.5 to 1, (P,).
+    """
+    measures = np.stack([spread, np.square(2 * accuracy - 1), np.log(areas)], axis=1)
+    return np.asarray(measures @ np.array(_WEIGHTS) + _INTERCEPT)
 
 
 class _Partition:
@@ -95,12 +109,38 @@ class _Partition:
         self.pairs, self.links, self.sizes = _merged(numbers, self.pairs, self.links, self.sizes)
 
 
-def find_regions(
-    surface: VisibleSurface,
-    room: Room,
-    odds: Odds = one_thing,
-    levels: Sequence[float] = (0.0,),
-) -> list[IntArray]:
+class _Colours:
+    """How well colours tell regions apart; the histograms of regions are kept until they grow."""
+
+    def __init__(self, surface: VisibleSurface) -> None:
+        self._present, self._bins = np.unique(surface.colours, return_inverse=True)
+        self._areas = surface.areas
+        self._known: dict[tuple[int, int], FloatArray] = {}
+
+    def accuracy(self, regions: IntArray, pairs: IntArray) -> Float64Array:
+        """Return balanced accuracies of telling the regions (S,) of pairs (P, 2) apart by colour, 0.5 to 1, (P,)."""
+        if not len(pairs):
+            return np.zeros(0)
+        numbers, ends = np.unique(pairs, return_inverse=True)
+        order = np.argsort(regions, kind="stable")
+        first, last = (np.searchsorted(regions[order], numbers, side) for side in ("left", "right"))
+        # A region grows, but for its first Gaussian and its size it stays the same.
+        keys = list(zip(order[first].tolist(), (last - first).tolist(), strict=True))
+        new = np.array([key not in self._known for key in keys])
+        for start in range(0, int(new.sum()), _REGIONS_AT_ONCE):
+            places = np.flatnonzero(new)[start : start + _REGIONS_AT_ONCE]
+            rows = np.concatenate([order[first[place] : last[place]] for place in places])
+            counts = np.zeros((len(places), COLOURS))
+            of = np.repeat(np.arange(len(places)), (last - first)[places])
+            np.add.at(counts, (of, self._present[self._bins[rows]]), self._areas[rows])
+            both = counts / counts.sum(axis=1, keepdims=True), blurred_histograms(counts)
+            found = np.stack([one[:, self._present] for one in both], axis=1).astype(np.float32)
+            self._known.update((keys[place], one) for place, one in zip(places.tolist(), found, strict=True))
+        self._known = {key: self._known[key] for key in keys}
+        return np.asarray(_accuracies(np.stack(list(self._known.values())), ends.reshape(-1, 2)))
+
+
+def find_regions(surface: VisibleSurface, room: Room, levels: Sequence[float] = (0.0,)) -> list[IntArray]:
     """Return the number of each visible Gaussian's region, (S,), at each level; -1 for the room's own surfaces.
 
     Where the scene fills its pictures and has no surfaces to stand on, every large region stands by itself, and colours
@@ -109,10 +149,9 @@ def find_regions(
     Args:
         surface: the visible surface.
         room: its flat surfaces.
-        odds: says of regions that touch and stand which are one thing.
         levels: log-odds from which on such regions are joined, falling: the regions of a level are joined at the next.
     """
-    free, colours = ~room.own, Colours(surface)
+    free, colours = ~room.own, _Colours(surface)
     by_itself = not room.has_floor and surface.filled > FILLED
     stands = (_MIN_AREA_BY_ITSELF, -1.0) if by_itself else (MIN_AREA, _MIN_FOOT)
     partition, found = _Partition(surface, free, room.feet), list[IntArray]()
@@ -120,14 +159,12 @@ def find_regions(
     def likely(level: float) -> Float64Array:
         pairs, size, likely = partition.pairs, partition.size, np.zeros(len(partition.pairs))
         asked = np.flatnonzero(partition.links[:, 0] >= size * _MIN_LINK)
-        contacts = Contacts(
-            partition.regions,
-            pairs[asked],
-            partition.spread(asked) / size[asked],
-            np.square(size[asked]),
-            colours.accuracy(partition.regions, pairs[asked]),
-        )
-        likely[asked] = _OTHER_COLOURS - contacts.accuracy if by_itself else odds(contacts) - level
+        accuracy = colours.accuracy(partition.regions, pairs[asked])
+        if by_itself:
+            likely[asked] = _OTHER_COLOURS - accuracy
+        else:
+            spread = partition.spread(asked) / size[asked]
+            likely[asked] = one_thing(spread, np.square(size[asked]), accuracy) - level
         return np.maximum(likely, 0.0)
 
     for level in levels:
@@ -154,6 +191,25 @@ def split_region(surface: VisibleSurface, part: BoolArray) -> IntArray:
     parts = np.zeros(len(areas), np.int64)
     parts[large] = np.arange(len(large))
     return np.where(part, parts[np.minimum(regions, len(parts) - 1)], -1)
+
+
+@_jit
+def _accuracies(histograms, pairs):  # type: ignore[no-untyped-def]
+    """Return the balanced accuracy of telling by the blurred histogram which of two a colour is of, 0.5 to 1, (P,).
+
+    The histograms (R, 2, B) are as they are, and blurred.
+    """
+    found = np.empty(len(pairs))
+    for pair in range(len(pairs)):
+        a, b = histograms[pairs[pair, 0]], histograms[pairs[pair, 1]]
+        hits = np.float32(0)
+        for colour in range(a.shape[1]):
+            if a[1, colour] > b[1, colour]:
+                hits += a[0, colour]
+            elif a[1, colour] < b[1, colour]:
+                hits += b[0, colour]
+        found[pair] = hits / 2
+    return found
 
 
 @_jit

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -113,34 +114,37 @@ def find_room(surface: VisibleSurface) -> Room:
     return Room(found, own, own & ~certain, feet & ~own, leaning & ~own, under & ~own)
 
 
-def _room_surfaces(surface: VisibleSurface, bin_height: float) -> Iterator[RoomSurface]:
+def _room_surfaces(surface: VisibleSurface, bin_height: float) -> list[RoomSurface]:
+    """Return the surfaces, the largest layer first; what one layer took is free for no other."""
+    found: list[RoomSurface] = []
     directions, least, core_height = floor_and_wall_directions(), _MIN_PEAK * _MIN_AREA, _CORE_BINS * bin_height
     flat = surface.flatness > _MIN_FLATNESS
     free = flat & (surface.areas < _MAX_SPACING**2)
-
-    def facing_it(direction: Float64Array) -> BoolArray:
-        return np.asarray(free & (surface.normals @ direction > _FACING))
-
-    def areas_facing(direction: Float64Array) -> Float64Array:
-        return np.where(facing_it(direction), surface.areas, 0)
-
     for _ in range(_MAX_LAYERS):
+        areas_facing = partial(_areas_facing, surface, free)
         plane, guess, held = find_plane(surface.points, directions, areas_facing, bin_height, core_height)
         if held.max() < least:
-            return
+            break
         normal, horizontal = plane.normal, bool(guess.normal[2] == 1)
         heights = plane.signed_distance(surface.points)
         core = free & (surface.normals @ normal > _NEARLY_FACING) & (np.abs(heights) < core_height)
-        free &= ~core & ~(facing_it(guess.normal) & (np.abs(guess.signed_distance(surface.points)) < bin_height))
+        guessed = np.abs(guess.signed_distance(surface.points)) < bin_height
+        free = free & ~core & ~(guessed & (surface.normals @ guess.normal > _FACING))
         directions = directions[held >= least]
         facing = flat & (surface.normals @ normal > _NEARLY_FACING)
         for area, within in _extents(surface, core, normal, bin_height):
             if _belongs_to_a_thing(surface, within, heights, normal, horizontal):
                 continue
             top = _upper_side(heights[within & facing], surface.areas[within & facing], bin_height)
-            free &= ~(within & facing & (np.abs(heights) < max(top, 2 * core_height)))
+            free = free & ~(within & facing & (np.abs(heights) < max(top, 2 * core_height)))
             border = min(max(top - core_height, 0.0), _BORDER_BINS * bin_height)
-            yield RoomSurface(plane, area, within, heights - top, horizontal, border)
+            found.append(RoomSurface(plane, area, within, heights - top, horizontal, border))
+    return found
+
+
+def _areas_facing(surface: VisibleSurface, free: BoolArray, direction: Float64Array) -> Float64Array:
+    """Return the areas (S,) of what is free, (S,), and faces a direction, (3,); 0 for the rest."""
+    return np.where(free & (surface.normals @ direction > _FACING), surface.areas, 0)
 
 
 def _extents(
