@@ -15,14 +15,12 @@ from command_line import save_ball
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits
-from gaussian_trimmer.app import panels as controls
+from gaussian_trimmer.app import page as controls
 from gaussian_trimmer.app.display import shown_rows
-from gaussian_trimmer.app.doubts import doubts
 from gaussian_trimmer.app.files import ALL_FILES, DOWNLOADS, OBJECT, WITHOUT
 from gaussian_trimmer.app.page import Gesture
-from gaussian_trimmer.app.showing import Due, Event, Showing
-from gaussian_trimmer.app.snapshots import CutState
-from gaussian_trimmer.app.viewpoints import framed
+from gaussian_trimmer.app.showing import Event, Showing
+from gaussian_trimmer.app.viewpoints import doubts, framed
 from gaussian_trimmer.cameras import look_at, up_frame
 from gaussian_trimmer.gaussians import quaternions_of
 from gaussian_trimmer.selecting.marks import Box3D, Sphere
@@ -169,27 +167,6 @@ def test_keep_only_falls_back_to_add(app):
     assert app.session.now.object.n_selected > selected
 
 
-def test_what_was_cut_out_is_cut_out_again_when_the_scene_is_opened_again(app, folder):
-    session = app.session
-    mark(app, BALL)
-    act(app.cut_out)
-    first = session.now.object.fresh
-    app.session.do(edits.add_object)
-    follow, app.jobs._follow = app.jobs._follow, lambda: None  # the program ends before it comes to it
-    try:
-        for _ in range(2):
-            open_scene(app, folder / "scene.ply", folder / "cameras.json")
-            assert session.now.objects[0].cut.state is CutState.WANTED and app.jobs.due is Due.WORK_OF_LAST_TIME
-    finally:
-        app.jobs._follow = follow
-    open_scene(app, folder / "scene.ply", folder / "cameras.json")
-    again = session.now.objects[0].fresh
-    assert again is not first and np.array_equal(again.object.means, first.object.means)
-    assert app.jobs.due is Due.NOTHING
-    do(app, "Undo")
-    assert not session.now.has_work  # it was one step
-
-
 def test_a_correction_is_cut_out_again_as_one_step_and_undoing_it_cuts_nothing_out(app):
     session, panels = app.session, app.panels
     mark(app, BALL)
@@ -214,7 +191,7 @@ def test_a_correction_is_cut_out_again_as_one_step_and_undoing_it_cuts_nothing_o
     mark(app, FLOOR)
     marked = session.now.object
     do(app, "Undo")
-    assert session.now.object.cut.state is CutState.STALE and len(session.now.object.marks) == len(marked.marks) - 1
+    assert session.now.object.stale and len(session.now.object.marks) == len(marked.marks) - 1
     assert panels.showing == Showing("Everything", "Selection", "Objects")
 
 
@@ -231,7 +208,7 @@ def test_marks_made_meanwhile_go_before_the_trim_that_follows(app):
     finish(app)
     assert len(session.now.object.marks) == 3 and session.now.object.fresh is not None
     do(app, "Undo")
-    assert session.now.object.cut.state is CutState.STALE  # of the first stroke, which was not trimmed
+    assert session.now.object.stale  # of the first stroke, which was not trimmed
 
 
 def test_a_trim_that_follows_is_given_up_when_the_user_cancels_and_not_when_it_gives_way(app):
@@ -249,7 +226,7 @@ def test_a_trim_that_follows_is_given_up_when_the_user_cancels_and_not_when_it_g
         gesture(app, controls.BRUSH, (0.5, 0.45), effect="remove")
     finally:
         app.panels.busy = shown
-    assert app.session.now.object.cut.state is CutState.STALE and app.jobs.due is Due.NOTHING
+    assert app.session.now.object.stale and not app.jobs.due
 
 
 def test_the_ghost_stops_no_trim_that_follows(app):
@@ -259,7 +236,7 @@ def test_the_ghost_stops_no_trim_that_follows(app):
 
     def busy(doing, share):
         stages.append(doing)
-        app.haunt(None, on=len(stages) % 2 == 1)
+        app.show_ghost(None, on=len(stages) % 2 == 1)
         shown(doing, share)
 
     app.panels.busy = busy
@@ -270,7 +247,7 @@ def test_the_ghost_stops_no_trim_that_follows(app):
     finish(app)
     assert app.session.now.object.fresh is not None
     assert stages.count("Cutting out again: plan") == 1
-    act(app.haunt, None, on=False)
+    act(app.show_ghost, None, on=False)
 
 
 def test_the_scene_without_the_object_is_one_button_away(app):
@@ -488,13 +465,13 @@ def test_the_rest_is_a_ghost_that_can_be_marked_while_a_key_is_held(app):
     before = app.session.now.object
     gesture(app, controls.LASSO, *EVERYWHERE, effect="add")
     assert app.session.now.object is before  # what is not shown is not reached
-    act(app.haunt, None, on=True)
+    act(app.show_ghost, None, on=True)
     splats = app.jobs.presenter.painter().paint(app.session.now, app.panels.showing)
     faint = splats.opacities[:, 0] < 0.2
     assert 0 < faint.sum() < len(splats) and np.allclose(splats.colours[faint], 0.5)
     gesture(app, controls.LASSO, *EVERYWHERE, effect="add")
     assert app.session.now.object.n_selected > before.n_selected
-    act(app.haunt, None, on=False)
+    act(app.show_ghost, None, on=False)
     assert not app.panels.showing.ghost
 
 

@@ -10,10 +10,9 @@ import toy
 
 from gaussian_trimmer.app import edits
 from gaussian_trimmer.app.display import Painter, changed_rows, shown_rows, thinned
-from gaussian_trimmer.app.documents import Document
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.showing import Showing
-from gaussian_trimmer.app.snapshots import Cut, CutState, Snapshot, TrimChoices
+from gaussian_trimmer.app.snapshots import Document, Snapshot, TrimChoices
 from gaussian_trimmer.app.viewpoints import Frame, before_what_shows, pixel_at, points_at, viewpoint_of
 from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.errors import InputError
@@ -36,7 +35,7 @@ def session(tmp_path_factory):
     opened.open(folder / "scene.ply")
     opened.do(edits.set_up, (0.0, 0.0, 1.0))
     opened.do(edits.mark, FromFile(folder / "rough.npy"))
-    opened.do(edits.cut_out, TrimChoices())
+    opened.do(edits.trim_object, TrimChoices())
     opened.do(edits.add_object)
     opened.do(edits.mark, Sphere((2.5, 2.5, 0.0), 0.5))
     return opened
@@ -100,8 +99,8 @@ def test_split_parts_and_filled_gaussians_are_shown():
     assert n_split > 0
     document = Document(Path("a.ply"), None, scene, None)
     first = Snapshot.first(document, document.find_up((0.0, 0.0, 1.0)))
-    selected, cut = Selection(truth, np.zeros_like(truth)), Cut(CutState.FRESH, result)
-    now = first.with_object(replace(first.object, selected=selected, cut=cut), "cut out")
+    selected = Selection(truth, np.zeros_like(truth))
+    now = first.with_object(replace(first.object, selected=selected, result=result), "cut out")
     painter = Painter(scene, 10**6)
     assert len(painter.paint(now, Showing("Object", "Cut-out"))) == len(result.object)
     assert len(painter.paint(now, Showing("Scene without it", "Cut-out"))) == len(result.background)
@@ -186,7 +185,7 @@ def test_after_further_marks_the_cut_out_is_seen_with_them_and_changes_are_their
         assert np.array_equal(changed_rows(stale)[1], before & inside)
         red = len(painter.paint(session.now, changes))
         assert shown_rows(session.now, changes)[before & inside].all()  # until it is cut out again
-        session.do(edits.cut_out, TrimChoices(), joined=True, again=True)
+        session.do(edits.trim_object, TrimChoices(), joined=True, again=True)
         fresh = session.now.object
         assert np.array_equal(changed_rows(fresh)[1], before & ~fresh.mask)
         assert len(painter.paint(session.now, changes)) < red

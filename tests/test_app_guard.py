@@ -10,8 +10,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from gaussian_trimmer.app import serving as module
-from gaussian_trimmer.app.guard import inner_path
-from gaussian_trimmer.app.serving import serving
+from gaussian_trimmer.app.serving import inner_path, serving
 from gaussian_trimmer.errors import InputError
 
 HERE, KEY = {"Host": "127.0.0.1:8080"}, "a-key_1"

@@ -27,9 +27,8 @@ from gaussian_trimmer.app.project import (
     restore,
     write_private,
 )
-from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.snapshots import PALETTE, CutState, TrimChoices
-from gaussian_trimmer.app.worker import Cancelled
+from gaussian_trimmer.app.session import Cancelled, Session
+from gaussian_trimmer.app.snapshots import PALETTE, TrimChoices
 from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.errors import InputError, OutputExistsError
 from gaussian_trimmer.gaussians import SH_C0
@@ -42,7 +41,7 @@ DEFAULT = TrimChoices()
 
 def state(session):
     now = session.now
-    parts = [(part.name, part.colour, part.marks, part.n_selected, part.cut.state, part.fresh) for part in now.objects]
+    parts = [(part.name, part.colour, part.marks, part.n_selected, part.stale, part.fresh) for part in now.objects]
     return parts, now.active
 
 
@@ -134,7 +133,7 @@ def test_a_mark_that_changes_nothing_or_leaves_nothing_is_not_made(session):
     refused(session, edits.mark, TOP, match="Nothing is selected yet")
     refused(session, edits.mark, replace(BALL, effect="intersect"), match="mode")
     assert re.match(r"Added (\d+): a sphere. \1 Gaussians selected", mark(session, BALL))
-    session.do(edits.cut_out, DEFAULT)
+    session.do(edits.trim_object, DEFAULT)
     refused(session, edits.mark, Sphere((0.0, 0.0, 1.0), 0.5), match="changes nothing")  # the cut-out stays
     refused(session, edits.mark, Sphere((0.0, 0.0, 1.0), 9.0, effect="remove"), match="nothing would be selected")
     outside = Sphere((2.0, 2.0, 0.0), 0.5, effect="remove")
@@ -192,7 +191,7 @@ def test_undo_and_redo_go_through_everything(session):
     for edit, *arguments in (
         (edits.mark, BALL),
         (edits.mark, TOP, FLOOR),
-        (edits.cut_out, DEFAULT),
+        (edits.trim_object, DEFAULT),
         (edits.add_object,),
         (edits.mark, BALL),
         (edits.describe, 2, "name", "ball"),
@@ -223,7 +222,7 @@ def test_cut_out_is_the_library_bit_by_bit_with_what_marks_removed_and_cut(sessi
         nothing = np.zeros(len(session.document.scene), np.bool_)
         assert mark(session, Rows.of(nothing, "brush", "remove", stroke)).startswith("Cut: brush")
     now, stages = session.now, []
-    session.do(edits.cut_out, DEFAULT, stages.append)
+    session.do(edits.trim_object, DEFAULT, stages.append)
     ours, selected = session.now.object.fresh, now.object.selected
     given = select(now.document.scene, replace(now.basis, marks=now.object.marks), cameras=now.document.cameras)
     theirs = gt.trim_objects(now.document.scene, {1: given}, cameras=now.document.cameras)
@@ -234,36 +233,30 @@ def test_cut_out_is_the_library_bit_by_bit_with_what_marks_removed_and_cut(sessi
     assert stages[0] == "plan"
 
 
-def test_a_cut_out_is_none_fresh_stale_or_wanted(session, tmp_path):
-    def cut():
-        return session.now.object.cut
+def test_a_cut_out_is_none_fresh_or_stale(session):
+    def cut_out():
+        return session.now.object.result, session.now.object.stale
 
-    assert cut().state is CutState.NONE
+    assert cut_out() == (None, False)
     mark(session, BALL)
-    session.do(edits.cut_out, TrimChoices(fit=False))
-    first, cut_out = cut().result, session.now
-    assert cut().state is CutState.FRESH and session.now.object.before is None
+    session.do(edits.trim_object, TrimChoices(fit=False))
+    first, after = session.now.object.fresh, session.now
+    assert cut_out() == (first, False) and session.now.object.before is None
     mark(session, TOP)
-    assert (cut().state, cut().result) == (CutState.STALE, first)
+    assert cut_out() == (first, True)
     assert session.now.object.fresh is None
     had = session.now.object.before
     mark(session, FLOOR)
     assert session.now.object.before is had  # since the cut-out
-    session.do(edits.cut_out, DEFAULT, joined=True, again=True)  # belongs to the step before
-    assert cut().state is CutState.FRESH and cut().result is not first
+    session.do(edits.trim_object, DEFAULT, joined=True, again=True)  # belongs to the step before
+    assert session.now.object.fresh not in (None, first)
     session.undo()
-    assert cut().state is CutState.STALE
+    assert cut_out() == (first, True)
     session.undo()
-    assert session.now is cut_out
-    write_private(tmp_path / "a.json", project_as_json(session.now, tmp_path))
-    session.do(restore, read_project(tmp_path / "a.json"))
-    assert (cut().state, cut().result, cut().choices) == (CutState.WANTED, None, TrimChoices(fit=False))
-    session.do(edits.cut_out_wanted, joined=True)
-    assert cut().state is CutState.FRESH
-    assert np.array_equal(cut().result.object.means, first.object.means)
+    assert session.now is after
     session.do(edits.clear)
-    assert cut().state is CutState.NONE
-    refused(session, edits.cut_out, DEFAULT, match="Nothing is selected")
+    assert cut_out() == (None, False)
+    refused(session, edits.trim_object, DEFAULT, match="Nothing is selected")
 
 
 def test_a_cancelled_edit_changes_nothing(ball):
@@ -346,8 +339,6 @@ def test_a_project_brings_objects_and_marks_back(session, tmp_path):
     session.do(edits.set_up, (0.0, 0.0, 2.0))
     mark(session, click_on_ball(session), TOP)
     session.do(edits.describe, 1, "name", "ball")
-    session.do(edits.describe, 1, "colour", "#010203")
-    session.do(edits.describe, 1, "locked", True)
     session.do(edits.add_object)
     mark(session, FLOOR)
     path = tmp_path / "new" / "a.json"
@@ -362,7 +353,7 @@ def test_a_project_brings_objects_and_marks_back(session, tmp_path):
     for one, back in zip(session.now.objects, other.now.objects, strict=True):
         assert np.array_equal(one.selected.mask, back.selected.mask)
         assert np.array_equal(one.selected.excluded, back.selected.excluded)
-        assert (one.name, one.colour, one.locked) == (back.name, back.colour, back.locked)
+        assert (one.name, len(one.marks)) == (back.name, len(back.marks))
     assert other.now.active == 1 and np.array_equal(other.now.up.direction, session.now.up.direction)
     other.undo()
     assert not other.now.has_work
@@ -371,9 +362,11 @@ def test_a_project_brings_objects_and_marks_back(session, tmp_path):
 def test_projects_of_other_scenes_and_damaged_ones_are_refused(session, tmp_path):
     mark(session, BALL)
     document = json.loads(project_as_json(session.now, tmp_path))
+    (marks,) = document["objects"].values()
     for change in (
-        {"scene_size": 5}, {"active": 3}, {"objects": []}, {"content": "else"}, {"objects": [{}]},
-        {"objects": 2 * document["objects"]},
+        {"scene": 5}, {"objects": []}, {"objects": {}}, {"content": "else"}, {"objects": {"a": {}}},
+        {"objects": {"": marks}}, {"objects": {"a": marks, "b": marks | {"scene_size": 5}}},
+        {"objects": {"a": marks | {"scene_size": 5}}}, {"objects": {"a": {**marks, "scene_size": None}}},
     ):  # fmt: skip
         (tmp_path / "b.json").write_text(json.dumps(document | change))
         with pytest.raises(InputError):
@@ -396,7 +389,7 @@ def test_what_is_saved_is_what_the_command_makes(session, tmp_path, monkeypatch,
         session.do(edits.set_up, up)
     mark(session, BALL if up else click_on_ball(session))
     mark(session, TOP)
-    session.do(edits.cut_out, choices)
+    session.do(edits.trim_object, choices)
     _, command = save(session.now, tmp_path / "by app", format, engine=engine)
     monkeypatch.chdir(tmp_path)
     assert run(*shlex.split(command)[1:], "--quiet") == 0
@@ -414,7 +407,7 @@ def test_saving_asks_for_a_cut_out_and_never_replaces_unasked(session, tmp_path)
     mark(session, BALL)
     with pytest.raises(InputError, match="object 1"):
         save(session.now, tmp_path / "out")
-    session.do(edits.cut_out, DEFAULT)
+    session.do(edits.trim_object, DEFAULT)
     save(session.now, tmp_path / "out")
     with pytest.raises(OutputExistsError):
         save(session.now, tmp_path / "out")
@@ -430,7 +423,7 @@ def test_a_scene_of_a_format_that_is_only_read_is_saved_in_the_nearest(ball, tmp
     opened = Session()
     opened.open(tmp_path / "unpacked" / "meta.json")
     mark(opened, BALL)
-    opened.do(edits.cut_out, TrimChoices(fit=False))
+    opened.do(edits.trim_object, TrimChoices(fit=False))
     save(opened.now, tmp_path / "out")
     assert (tmp_path / "out" / "object.sog").is_file()
 
@@ -442,7 +435,7 @@ def test_the_command_holds_wherever_it_is_run_and_whatever_files_are_called(ball
     opened = Session()
     opened.open(Path(name))
     mark(opened, BALL)
-    opened.do(edits.cut_out, TrimChoices(fit=False))
+    opened.do(edits.trim_object, TrimChoices(fit=False))
     _, command = save(opened.now, Path("out; x"))
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")

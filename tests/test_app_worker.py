@@ -2,7 +2,7 @@
 
 import threading
 
-from gaussian_trimmer.app.worker import Worker
+from gaussian_trimmer.app.jobs import Worker
 
 
 def finish(worker):

@@ -153,7 +153,7 @@ def test_the_app_cuts_out_what_the_command_does(files):
     session.open(files / "scene.ply")
     session.do(edits.set_up, (0.0, 0.0, 1.0))
     session.do(edits.load, files / "rough.json")
-    session.do(edits.cut_out, TrimChoices())
+    session.do(edits.trim_object, TrimChoices())
     save_by_app(session.now, files / "app", "ply")
     assert splats(files / "app") == splats(files / "trim")
 

@@ -49,7 +49,7 @@ from gaussian_trimmer.selecting.marks import Sphere
 session, output = Session(), Path(sys.argv[2])
 session.open(Path(sys.argv[1]))
 session.do(edits.mark, Sphere((0.0, 0.0, 1.0), 1.2 if sys.argv[3] == "new" else 1.1))
-session.do(edits.cut_out, TrimChoices())
+session.do(edits.trim_object, TrimChoices())
 print({READY!r}, flush=True)
 write_private(output / "kept" / "project.json", project_as_json(session.now, output))
 save(session.now, output / "results", overwrite=True)

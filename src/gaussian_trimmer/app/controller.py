@@ -12,14 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.app import edits, files, panels
-from gaussian_trimmer.app.doubts import doubts
+from gaussian_trimmer.app import edits, files, page
 from gaussian_trimmer.app.jobs import STAGES_OF_A_TRIM, Jobs
 from gaussian_trimmer.app.page import Action
 from gaussian_trimmer.app.project import is_project
 from gaussian_trimmer.app.showing import PARTS, Event
 from gaussian_trimmer.app.tools import Tools
-from gaussian_trimmer.app.viewpoints import first_look, framed
+from gaussian_trimmer.app.viewpoints import doubts, first_look, framed
 from gaussian_trimmer.cameras import Point, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
@@ -28,7 +27,7 @@ from gaussian_trimmer.trimming.result import TrimResult
 
 _STAGES_OF_FINDING = 19
 """About as many stages as finding objects has, for the progress bar."""
-_TOOL_KEYS = dict(zip(("Esc", "C", "R", "L", "P", "B", "Shift+B", "X"), panels.TOOLS, strict=True))
+_TOOL_KEYS = dict(zip(("Esc", "C", "R", "L", "P", "B", "Shift+B", "X"), page.TOOLS, strict=True))
 
 
 class Controller:
@@ -52,7 +51,7 @@ class Controller:
         camera_path = "" if path else self.panels.camera_path.value.strip()
         path = path or self.panels.path.value
 
-        def work() -> str:
+        def open_scene() -> str:
             before, stages = self.session.glance(), self.jobs.stages(5, "")
             cameras = files.path_of(camera_path, "the cameras") if camera_path else None
             sentence = self._files.open(files.path_of(path, "a splat file"), cameras, stages)
@@ -70,18 +69,18 @@ class Controller:
             room = f", {painter.most:,} of them shown at once" if painter.most < n else ""
             return f"{document.path.name}: {n:,} Gaussians{room}. {sentence}"
 
-        self.jobs.do("Opening", work, Event.OPENED)
+        self.jobs.do("Opening", open_scene, Event.OPENED)
 
     def cut_out(self, client: Any = None) -> None:
         """Trim the active object, and show it alone and large."""
 
-        def work() -> str:
-            sentence = self._cut_out()
+        def trim_and_look() -> str:
+            sentence = self._trim()
             if client is not None:
                 self._look_at_object(client)
             return sentence
 
-        self.jobs.do("Cutting out", work, Event.CUT_OUT)
+        self.jobs.do("Cutting out", trim_and_look, Event.CUT_OUT)
 
     def find_objects(self, client: Any = None) -> None:
         """Add every object that is found without a mark."""
@@ -96,13 +95,13 @@ class Controller:
     def show_part(self, part: str, client: Any = None) -> None:
         """Show everything, the object, or the scene without it, for which the object is cut out if it is not yet."""
 
-        def work() -> str | None:
+        def choose() -> str | None:
             now = self.session.now
             self.panels.part.value = part
-            wanted = part == files.WITHOUT and now.object.n_selected and now.object.cut.result is None
-            return self._cut_out() if wanted else None
+            wanted = part == files.WITHOUT and now.object.n_selected and now.object.result is None
+            return self._trim() if wanted else None
 
-        self.jobs.do("Showing", work, Event.PART_CHOSEN)
+        self.jobs.do("Showing", choose, Event.PART_CHOSEN)
 
     def change_object(self, number: int, what: str, value: Any, client: Any = None) -> None:
         """Choose or delete an object, or give it a name or a colour, hide or lock it."""
@@ -126,18 +125,18 @@ class Controller:
     def focus(self, client: Any, *, whole: bool = False) -> None:
         """Let a tab look at the object from the side that it sees, or at the scene as it did at first."""
 
-        def work() -> None:
+        def look() -> None:
             if whole or not self.session.now.object.n_selected:
                 self._view.look(client, *self._start)
             else:
                 self._look_at_object(client)
 
-        self.jobs.do("Looking", work)
+        self.jobs.do("Looking", look)
 
     def look_at_doubt(self, client: Any) -> None:
         """Let a tab look at what is to be doubted of the cut-out, at one thing after the other."""
 
-        def work() -> str:
+        def look_at_next() -> str:
             now = self.session.now
             result = files.fresh_result(now)
             if self._doubted is not result:
@@ -150,14 +149,14 @@ class Controller:
                 self._view.look(client, *framed(result.object, camera))
             return said
 
-        self.jobs.do("Looking", work)
+        self.jobs.do("Looking", look_at_next)
 
     def compare(self, client: Any, *, on: bool) -> None:
         """Show the other state in place of what is shown, or no longer."""
         self.jobs.do("Comparing", lambda: self._presenter.compare(on=on))
 
-    def haunt(self, client: Any, *, on: bool) -> None:
-        """Show what is not the object's as a ghost beside it, to be marked, or no longer; no trim stops for it."""
+    def show_ghost(self, client: Any, *, on: bool) -> None:
+        """Show the rest as a ghost beside the object, to be marked, or no longer; no trim stops for it."""
         self.panels.ghost = on
         self.jobs.worker.submit_if_idle(self._presenter.refresh)
 
@@ -168,10 +167,10 @@ class Controller:
     def save(self, client: Any = None, *, together: bool = False) -> None:
         """Save the cut-out in the folder that the panel names, or all objects, trimmed together."""
 
-        def work() -> str:
+        def save_results() -> str:
             stages = self.jobs.stages(2 * len(self.session.now.objects), "Trimming ")
             folder = files.path_of(self.panels.folder.value, "the folder").absolute()
-            overwrite = self.panels.existing.value == panels.REPLACE
+            overwrite = self.panels.existing.value == page.REPLACE
             sentence, self.panels.command.value = files.save(
                 self.session.now,
                 folder,
@@ -183,7 +182,7 @@ class Controller:
             )
             return sentence
 
-        self.jobs.do("Saving", work)
+        self.jobs.do("Saving", save_results)
 
     def download(self, what: str, client: Any) -> None:
         """Send one of `files.DOWNLOADS` to a tab."""
@@ -216,23 +215,23 @@ class Controller:
         self.open(client, str(path))
         return None
 
-    def _cut_out(self) -> str:
+    def _trim(self) -> str:
         stages = self.jobs.stages(STAGES_OF_A_TRIM, "Cutting out: ")
-        return self.session.do(edits.cut_out, self.panels.choices, stages)
+        return self.session.do(edits.trim_object, self.panels.choices, stages)
 
     def _use_cameras(self, client: Any) -> None:
         given = partial(files.path_of, self.panels.camera_path.value, "the cameras")
         self.jobs.do("Reading the cameras", lambda: self.session.do(edits.use_cameras, given()), Event.STEPPED)
 
     def _set_up(self, client: Any) -> None:
-        given = panels.UPS[self.panels.up.value]
+        given = page.UPS[self.panels.up.value]
 
-        def work() -> str:
+        def turn() -> str:
             sentence = self.session.do(edits.set_up, given)
             self._look_from_start()
             return sentence
 
-        self.jobs.do("Turning", work, Event.STEPPED)
+        self.jobs.do("Turning", turn, Event.STEPPED)
 
     def _look_at_object(self, client: Any) -> None:
         now = self.session.now
@@ -286,7 +285,10 @@ class Controller:
             *(Action(part, partial(self.show_part, part), key) for key, part in zip("123", PARTS, strict=True)),
             Action("Compare, while held", partial(self.compare, on=True), "Space", partial(self.compare, on=False)),
             Action(
-                "The rest as a ghost, while held", partial(self.haunt, on=True), "Shift", partial(self.haunt, on=False)
+                "The rest as a ghost, while held",
+                partial(self.show_ghost, on=True),
+                "Shift",
+                partial(self.show_ghost, on=False),
             ),
             Action("Own colours, objects, changes", controls.colours.choose_next, "V"),
             Action("Hide the object", self.hide, "H"),
@@ -296,7 +298,7 @@ class Controller:
             Action("Apply the box", tools.apply_box),
             Action("Smaller brush", partial(tools.resize_brush, larger=False), "["),
             Action("Larger brush", partial(tools.resize_brush, larger=True), "]"),
-            Action("Up by three clicks on the ground", partial(tools.choose, panels.POINTS)),
+            Action("Up by three clicks on the ground", partial(tools.choose, page.POINTS)),
             Action("Cancel", lambda tab: self.jobs.worker.cancel()),
             Action("Open", self.open),
             Action("Apply cameras to this scene", self._use_cameras),

@@ -105,7 +105,7 @@ class Painter:
     def _replacements(self, now: Snapshot, part: Part, eye: Camera | None) -> Iterator[Splats]:
         """Yield Gaussians that the scene does not have: parts of split ones, fitted ones, and what was filled in."""
         for place, marked in enumerate(now.objects):
-            result = marked.cut.result
+            result = marked.result
             if result is None or marked.hidden:
                 continue
             if part == "Everything" or (part == "Object" and place == now.active):
@@ -156,7 +156,7 @@ def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
     for place, part in enumerate(now.objects):
         if part.hidden:
             unseen |= owner == place
-        elif after and (result := part.cut.result) is not None:
+        elif after and (result := part.result) is not None:
             unseen[result.discarded] = True
             unseen[_relit_rows(result)] = True
     return ~unseen & (owner < 0) if showing.part == "Scene without it" else ~unseen
@@ -198,7 +198,7 @@ def _owners(now: Snapshot, after: bool) -> NDArray[np.int16]:
 
 def _new_rows(part: MarkedObject) -> IntArray:
     """Return rows of an object's trim that the scene does not have: parts of split Gaussians, and fitted ones."""
-    result = part.cut.result
+    result = part.result
     assert result is not None
     trimmed = result.objects[0]
     rows = np.union1d(np.flatnonzero(trimmed.label == RowLabel.SPLIT_INSIDE), trimmed.fitted)
@@ -214,8 +214,8 @@ def _replaced_rows(now: Snapshot, after: bool) -> BoolArray:
     """Return Gaussians of the scene in whose place a trim has others, (N,)."""
     replaced = np.zeros(len(now.object.selected.mask), np.bool_)
     for part in now.objects:
-        if after and part.cut.result is not None and not part.hidden:
-            replaced[part.cut.result.objects[0].source_index[_new_rows(part)]] = True
+        if after and part.result is not None and not part.hidden:
+            replaced[part.result.objects[0].source_index[_new_rows(part)]] = True
     return replaced
 
 

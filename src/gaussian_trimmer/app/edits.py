@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gaussian_trimmer.app.documents import Progress
-from gaussian_trimmer.app.snapshots import PALETTE, Cut, CutState, MarkedObject, Snapshot, TrimChoices
+from gaussian_trimmer.app.snapshots import PALETTE, MarkedObject, Progress, Snapshot, TrimChoices
 from gaussian_trimmer.cameras import Point, point_of
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
@@ -23,7 +22,7 @@ from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.selecting.interpretation import INTERPRETATIONS
-from gaussian_trimmer.selecting.marks import Effect, FromFile, Mark, Rows, read_marks
+from gaussian_trimmer.selecting.marks import Effect, FromFile, Mark, Marks, Rows, read_marks
 from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.selection_files.row_matching import MATCH_NOTHING
 from gaussian_trimmer.trimming.trim import trim
@@ -115,17 +114,24 @@ def load(now: Snapshot, path: Path, *, whole: bool = False) -> Change:
                 f"These marks belong to a scene of {given.scene_size:,} Gaussians, and this one has {n:,}; open the "
                 "scene in which they were made."
             )
-        marks, places = given.marks, given.photographed_from or now.basis.photographed_from
-        if (given.up, places) != (now.basis.up, now.basis.photographed_from):
-            up = now.up if given.up == now.basis.up else UpVector(np.array(given.up), "given", 1.0)
-            basis = replace(now.basis, up=given.up, photographed_from=places)
-            now = replace(now, up=up, basis=basis).understood_anew(now.last)
+        marks = given.marks
+        if (other := understood_with(now, given)) is not now:
+            now = other.understood_anew(now.last)
     selected = now.applied(now.nothing(), marks)
     if not selected.mask.any() or (whole and MATCH_NOTHING in selected.interpretations[-1]):
         raise InputError(f"'{path}' selects nothing in this scene.")
     loaded = now.object.marked(marks, selected)
     sentence = f"{loaded.n_selected:,} Gaussians selected: {'; '.join(selected.interpretations)}."
     return Change(now.with_object(loaded, "load a selection"), sentence)
+
+
+def understood_with(now: Snapshot, marks: Marks) -> Snapshot:
+    """Return the state with the up vector and the places of the pictures that some marks were made with."""
+    places = marks.photographed_from or now.basis.photographed_from
+    if (marks.up, places) == (now.basis.up, now.basis.photographed_from):
+        return now
+    up = now.up if marks.up == now.basis.up else UpVector(np.array(marks.up), "given", 1.0)
+    return replace(now, up=up, basis=replace(now.basis, up=marks.up, photographed_from=places))
 
 
 def use_cameras(now: Snapshot, path: Path) -> Change:
@@ -151,7 +157,7 @@ def set_up(now: Snapshot, given: Point | None) -> Change:
     return Change(replace(now, up=up, basis=basis).understood_anew("up vector"), describe_up(up))
 
 
-def cut_out(
+def trim_object(
     now: Snapshot, choices: TrimChoices, progress: Progress = lambda stage: None, *, again: bool = False
 ) -> Change:
     """Trim the active object.
@@ -165,20 +171,21 @@ def cut_out(
     Raises:
         InputError: nothing is selected, or the trim is not possible.
     """
-    part = _cut_out(now, now.object, choices, progress)
+    part, document = now.object, now.document
+    if not part.n_selected:
+        raise InputError("Nothing is selected; mark an object first.")
+    result = trim(
+        document.scene,
+        now.selection_of(part),
+        config=choices.config(now.given_up),
+        cameras=document.cameras,
+        progress=progress,
+    )
+    part = replace(part, result=result, stale=False, choices=choices)
     if again:
         return Change(now.with_object(part, now.last), "Cut out again.")
     after = now.with_object(replace(part, before=None), "cut out")
     return Change(after, after.object.summary)
-
-
-def cut_out_wanted(now: Snapshot, progress: Progress = lambda stage: None) -> Change:
-    """Trim what was cut out when the work was saved, as part of the step that brought it back. Raises as `cut_out`."""
-    wanted = [part for part in now.objects if part.cut.state is CutState.WANTED]
-    for part in wanted:
-        now = now.with_object(_cut_out(now, part, part.cut.choices, progress), now.last)
-    many = f"{len(wanted)} object{'s' * (len(wanted) > 1)}"
-    return Change(now, f"What you had cut out is back: {many}. {now.sentence}")
 
 
 def add_object(now: Snapshot) -> Change:
@@ -239,12 +246,24 @@ def describe(now: Snapshot, number: int, what: str, value: object) -> Change:
     if what == "colour" and re.fullmatch("#[0-9a-f]{6}", text):
         red, green, blue = bytes.fromhex(text[1:])
         return Change(now.with_object(replace(part, colour=(red, green, blue)), "name or colour"), now.sentence)
-    if what != "name" or not text or len(text) > _MAX_NAME or not text.isprintable():
-        raise InputError(f"'{text}' cannot be a {what}: a name has 1 to {_MAX_NAME} printable characters.")
+    if what != "name":
+        raise InputError(f"'{text}' cannot be a {what}.")
+    check_name(text)
     if any(other.name == text and other is not part for other in now.objects):
         raise InputError(f"Another object is already called '{text}'.")
     after = now if text == part.name else now.with_object(replace(part, name=text), "name or colour")
     return Change(after, after.sentence)
+
+
+def check_name(name: str) -> str:
+    """Return a name that an object can have.
+
+    Raises:
+        InputError: it is empty, too long, or has characters that cannot be shown.
+    """
+    if not name or len(name) > _MAX_NAME or not name.isprintable():
+        raise InputError(f"'{name}' cannot be a name: a name has 1 to {_MAX_NAME} printable characters.")
+    return name
 
 
 def show_all(now: Snapshot) -> Change:
@@ -314,21 +333,6 @@ def touches(means: FloatArray, selected: BoolArray, added: BoolArray) -> bool:
     size = float(np.linalg.norm(np.ptp(means[selected], axis=0)))
     squared, _ = nearest(means[selected], means[added], 1)
     return float(np.sqrt(squared.min())) <= _GAP_SHARE * size
-
-
-def _cut_out(now: Snapshot, part: MarkedObject, choices: TrimChoices, progress: Progress) -> MarkedObject:
-    """Return an object with its cut-out. Raises as `cut_out`."""
-    document = now.document
-    if not part.n_selected:
-        raise InputError("Nothing is selected; mark an object first.")
-    result = trim(
-        document.scene,
-        now.selection_of(part),
-        config=choices.config(now.given_up),
-        cameras=document.cameras,
-        progress=progress,
-    )
-    return replace(part, cut=Cut(CutState.FRESH, result, choices))
 
 
 def _describe_change(before: Selection, after: Selection) -> str:

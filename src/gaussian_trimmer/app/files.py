@@ -13,7 +13,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.app.documents import Document, Progress
 from gaussian_trimmer.app.project import (
     autosave_path,
     is_project,
@@ -23,7 +22,7 @@ from gaussian_trimmer.app.project import (
     write_private,
 )
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
+from gaussian_trimmer.app.snapshots import Document, MarkedObject, Progress, Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.writing import atomic_folder, safe_file_name
 from gaussian_trimmer.output.engines import ENGINES, EngineName, PlacingOptions, placement_for
@@ -173,7 +172,7 @@ def save(
         result = cut_out or trim_objects(
             document.scene,
             {part.name: now.selection_of(part) for part in parts},
-            config=now.object.cut.choices.config(now.given_up),
+            config=now.object.choices.config(now.given_up),
             cameras=document.cameras,
             progress=progress,
         )

@@ -1,4 +1,4 @@
-"""Jobs: a worker's thread does the work of the app, and all tabs show what it made."""
+"""Jobs: a worker's thread does the work of the app, one thing after the other, and all tabs show what it made."""
 
 from __future__ import annotations
 
@@ -6,22 +6,176 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gaussian_trimmer import sample
 from gaussian_trimmer.app import edits
-from gaussian_trimmer.app.documents import Progress
-from gaussian_trimmer.app.files import Files
-from gaussian_trimmer.app.page import Page
-from gaussian_trimmer.app.panels import PROGRAM_ENDED, REPLACE, WELCOME, Panels
-from gaussian_trimmer.app.presenter import Presenter
+from gaussian_trimmer.app.display import Painter
+from gaussian_trimmer.app.files import DOWNLOADS, Files
+from gaussian_trimmer.app.page import BACKDROPS, PROGRAM_ENDED, REPLACE, WELCOME, Page, Panels
 from gaussian_trimmer.app.scene_view import SceneView
-from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.showing import Due, Event, due_after, showing_after
-from gaussian_trimmer.app.worker import Cancelled, Worker
+from gaussian_trimmer.app.session import Cancelled, Session
+from gaussian_trimmer.app.showing import Event, Showing, compared, due_after, showing_after
+from gaussian_trimmer.app.snapshots import Progress
+from gaussian_trimmer.app.viewpoints import Frame
+from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError, OutputExistsError
+
+Job = Callable[[], None]
+
+
+class Worker:
+    """Does one job after the other, in the order in which they were submitted. One that fails is printed."""
+
+    def __init__(self) -> None:
+        self._thread = ThreadPoolExecutor(1, "gaussian-trimmer-app")
+        self.busy, self._ended, self._cancelled = False, False, False
+        self.gave_way = False
+        """Whether the present job was asked to stop by the next one."""
+        self._submitted, self._yielding = 0, False
+
+    def submit(self, job: Job) -> None:
+        """Do a job after those that were submitted before, which stops one that gives way; none after the end."""
+        if self._ended:
+            return
+        self._submitted += 1
+        if self._yielding:
+            self.gave_way = True
+        self._thread.submit(self._do, job)
+
+    def submit_if_idle(self, job: Job) -> None:
+        """Do a job that gives way: it is dropped if another one is submitted before it begins, or cancelled after."""
+        if self._ended:
+            return
+        expected = self._submitted
+
+        def unless_others_came() -> None:
+            if self._submitted != expected:
+                return
+            self._yielding = True
+            try:
+                job()
+            finally:
+                self._yielding = False
+
+        self._thread.submit(self._do, unless_others_came)
+
+    def cancel(self) -> None:
+        """Ask the present job to stop; later ones are done."""
+        self._cancelled = self.busy
+
+    def cancelled(self) -> bool:
+        """Tell whether the present job was asked to stop."""
+        return self._cancelled or self.gave_way
+
+    def stop(self) -> None:
+        """Let the present job be the last, ask it to stop, and wait for that."""
+        self._ended = True
+        self.cancel()
+        self._thread.shutdown(cancel_futures=True)
+
+    def _do(self, job: Job) -> None:
+        self._cancelled, self.gave_way, self.busy = False, False, True
+        try:
+            job()
+        except Exception:
+            traceback.print_exc()
+        finally:
+            self.busy = False
+
+
+_EYE_STEP, _EYE_TURN = 0.1, 0.1
+"""How far an eye moves, in the viewer's units, or turns, in radians, before the scene is drawn anew for it."""
+
+
+class Presenter:
+    """Shows the state of a session. Used by the worker's thread alone."""
+
+    def __init__(self, session: Session, panels: Panels, view: SceneView, page: Page, most: int) -> None:
+        self._session, self._panels, self._view, self._page = session, panels, view, page
+        self._most = most
+        self._painter: Painter | None = None
+        self._eye: Camera | None = None
+        self._shown: dict[str, object] = {}
+        self._other: Showing | None = None
+        """What is seen while it is compared with what is shown."""
+
+    def refresh(self) -> None:
+        """Show the present state, if a scene is open."""
+        now = self._session.glance()
+        if self._is_new("backdrop", self._panels.backdrop.value):
+            self._view.show_backdrop(BACKDROPS[self._panels.backdrop.value])
+        if now is None:
+            return
+        painter, controls = self.painter(), self._panels
+        showing = self._other or controls.showing
+        if self._is_new("splats", (now, showing, self._eye)):
+            self._view.show(painter.paint(now, showing, self._eye))
+        if self._is_new("up", now.up):
+            self._view.show_up(now.up.direction)
+        views = now.object.fresh if controls.views.value else None
+        if self._is_new("views", views):
+            self._view.show_views(views)
+        if self._is_new("state", now):  # otherwise, what somebody is typing is kept
+            controls.refresh(now, self._idle())
+
+    def compare(self, *, on: bool) -> None:
+        """Show another state in place of what is shown, or no longer.
+
+        Raises:
+            InputError: the object has not been cut out.
+        """
+        if on and self._session.now.object.result is None:
+            raise InputError("There is nothing to compare yet: cut the object out first.")
+        self._other, name = compared(self._panels.showing) if on else (None, "")
+        self._page.show(compared=name)
+
+    def look_from(self, eye: Camera) -> None:
+        """Show the scene as it looks from an eye, and what is near it in full, if that differs from what is shown."""
+        if self._session.glance() is None or not self.painter().depends_on_eye:
+            return
+        last = self._eye
+        if last is None or _differ(last, eye, self.painter().frame):
+            self._eye = eye
+            self.refresh()
+
+    def painter(self) -> Painter:
+        """Return what draws the open scene; made anew for another scene."""
+        scene = self._session.document.scene
+        if self._painter is None or self._painter.scene is not scene:
+            self._painter, self._eye = Painter(scene, self._most), None
+            self._view.frame = self._painter.frame
+        return self._painter
+
+    def _idle(self) -> list[str]:
+        """Return the actions that can do nothing in this state."""
+        part, (back, forth) = self._session.now.object, self._session.can_step
+        idle = {
+            "Undo": not back,
+            "Redo": not forth,
+            **dict.fromkeys(("Cut out", "Grow", "Shrink", "Clear", "Look at the object"), not part.n_selected),
+            **dict.fromkeys((*(f"Download: {what}" for what in DOWNLOADS), "Save in this folder"), part.fresh is None),
+        }
+        return [name for name, cannot in idle.items() if cannot]
+
+    def _is_new(self, what: str, state: object) -> bool:
+        """Tell whether something is not in this state yet; it is from now on."""
+        if self._shown.get(what) == state:
+            return False
+        self._shown[what] = state
+        return True
+
+
+def _differ(one: Camera, other: Camera, frame: Frame) -> bool:
+    """Tell whether two eyes are so far apart, or look so differently, that the scene looks different."""
+    moved = float(np.linalg.norm(one.centre - other.centre)) * frame.scale
+    return moved > _EYE_STEP or float(one.forward @ other.forward) < np.cos(_EYE_TURN)
+
 
 STAGES_OF_A_TRIM = 12
 """About as many stages as a trim has, for the progress bar."""
@@ -43,7 +197,8 @@ class Jobs:
         self.panels = Panels(self.page, *offered)
         self.view = SceneView(server)
         self.presenter = Presenter(self.session, self.panels, self.view, self.page, most)
-        self.due = Due.NOTHING
+        self.due = False
+        """Whether what a mark has corrected is to be cut out again."""
         self._rest: threading.Timer | None = None
         name = "Open the sample" if offered[0] == str(sample.SCENE) else Path(offered[0]).name
         self.page.show(starts=[(name, *offered), *self.files.recent()], said=WELCOME)
@@ -94,22 +249,21 @@ class Jobs:
 
     def _follow(self) -> None:
         """Cut out again what is due; whatever else is done goes first, and then it is still due."""
-        if self.due is Due.NOTHING:
+        if not self.due:
             return
 
-        def work() -> str:
+        def correct() -> str:
             stages, said = self.stages(STAGES_OF_A_TRIM, "Cutting out again: "), self.panels.status_text
+            trim, choices = edits.trim_object, self.panels.choices
             try:
-                if self.due is Due.WORK_OF_LAST_TIME:
-                    return self.session.do(edits.cut_out_wanted, stages, joined=True)
-                return f"{said} {self.session.do(edits.cut_out, self.panels.choices, stages, joined=True, again=True)}"
+                return f"{said} {self.session.do(trim, choices, stages, joined=True, again=True)}"
             except Cancelled:
                 return self.session.now.sentence
             finally:
                 if not self.worker.gave_way:  # otherwise it is tried once
-                    self.due = Due.NOTHING
+                    self.due = False
 
-        self.worker.submit_if_idle(partial(self._job, "Cutting out again", work, None))
+        self.worker.submit_if_idle(partial(self._job, "Cutting out again", correct, None))
 
     def _welcome(self, client: Any) -> None:
         """Tell a second tab that it is one, and refine what a tab sees when its view rests."""

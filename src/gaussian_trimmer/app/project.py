@@ -8,52 +8,36 @@ import os
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from gaussian_trimmer._version import __version__
-from gaussian_trimmer.app.documents import Progress
-from gaussian_trimmer.app.edits import Change
-from gaussian_trimmer.app.snapshots import Colour, Cut, CutState, MarkedObject, Snapshot, TrimChoices
-from gaussian_trimmer.cameras import Point
+from gaussian_trimmer.app.edits import Change, check_name, understood_with
+from gaussian_trimmer.app.snapshots import MarkedObject, Progress, Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import PROJECT, identify
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import read_json
 from gaussian_trimmer.io.writing import make_folder, write_whole
 from gaussian_trimmer.selecting.marks import Marks, marks_as_json, marks_from_json
-from gaussian_trimmer.settings import from_plain, to_plain
+from gaussian_trimmer.settings import from_plain
 
 _HASHED_GAUSSIANS = 1000
 
 
 @dataclass(frozen=True)
-class _SavedObject:
-    """An object as the file has it."""
-
-    name: str
-    colour: Colour
-    hidden: bool
-    locked: bool
-    choices: TrimChoices
-    marks: Marks
-    cut_out: bool = False
-    """Whether it was cut out as it is marked; the trim itself is made again, bit by bit the same."""
-
-
-@dataclass(frozen=True)
 class Project:
-    """What a project's file says."""
+    """What a project's file says: a scene, and the names and marks of the objects in it."""
 
     scene: Path
     cameras: Path | None
-    scene_size: int
-    up: Point | None
-    """As it was given; None: as the cameras or the ground have it."""
-    active: int
-    """Place of the object that was being marked."""
-    objects: tuple[_SavedObject, ...]
+    objects: dict[str, Marks]
+    """By name; all know the number of the scene's Gaussians."""
+
+    @property
+    def scene_size(self) -> int | None:
+        """Number of Gaussians of the scene."""
+        return next(iter(self.objects.values())).scene_size
 
 
 def state_folder() -> Path:
@@ -95,27 +79,13 @@ def autosave_path(folder: Path, scene: Gaussians) -> Path:
 def project_as_json(now: Snapshot, folder: Path) -> str:
     """Return a state as a project's file in a folder has it."""
     document = now.document
-    project = Project(
-        document.path.absolute(),
-        None if document.camera_path is None else document.camera_path.absolute(),
-        len(document.scene),
-        now.given_up,
-        now.active,
-        tuple(
-            _SavedObject(
-                part.name,
-                part.colour,
-                part.hidden,
-                part.locked,
-                part.cut.choices,
-                replace(now.basis, marks=part.marks),
-                part.cut.state in (CutState.FRESH, CutState.WANTED),
-            )
-            for part in now.objects
-        ),
-    )
-    writers: dict[Any, Any] = {Path: str, Marks: lambda marks: marks_as_json(marks, folder)}
-    plain = {"content": PROJECT, "version": __version__, **to_plain(project, writers)}
+    plain = {
+        "content": PROJECT,
+        "version": __version__,
+        "scene": str(document.path.absolute()),
+        "cameras": None if document.camera_path is None else str(document.camera_path.absolute()),
+        "objects": {part.name: marks_as_json(replace(now.basis, marks=part.marks), folder) for part in now.objects},
+    }
     return json.dumps(plain, indent=1, allow_nan=False)
 
 
@@ -131,21 +101,23 @@ def read_project(path: Path) -> Project:
         InputError: it cannot be read, or is not a project.
     """
     raw = read_json(path)
-    if not isinstance(raw, dict) or raw.pop("content", None) != PROJECT:
+    if not isinstance(raw, dict) or raw.get("content") != PROJECT:
         raise InputError(f"'{path}' is not a project.")
-    raw.pop("version", None)
-    readers = {Marks: lambda data, place: marks_from_json(data, path)}
-    project: Project = from_plain(raw, Project, f"'{path}': project", readers)
-    if not project.objects or not 0 <= project.active < len(project.objects):
-        raise InputError(f"'{path}' is damaged: its active object is not there.")
-    names = [part.name for part in project.objects]
-    if len(set(names)) < len(names):
-        raise InputError(f"'{path}' has two objects of the same name; give each its own.")
+    where, objects = f"'{path}': project.", raw.get("objects")
+    if not isinstance(objects, dict) or not objects:
+        raise InputError(f"'{path}' is damaged: it has no objects.")
+    project = Project(
+        from_plain(raw.get("scene"), Path, f"{where}scene"),
+        from_plain(raw.get("cameras"), Path | None, f"{where}cameras"),
+        {check_name(name): marks_from_json(marks, path) for name, marks in objects.items()},
+    )
+    if len({marks.scene_size for marks in project.objects.values()}) > 1:
+        raise InputError(f"'{path}' is damaged: its objects are of different scenes.")
     return project
 
 
 def restore(now: Snapshot, project: Project, progress: Progress = lambda stage: None) -> Change:
-    """Go on with a project in its scene, its marks understood anew; it says what is to be cut out again.
+    """Go on with a project in its scene, its marks understood anew.
 
     Args:
         now: a state of the scene.
@@ -155,32 +127,21 @@ def restore(now: Snapshot, project: Project, progress: Progress = lambda stage: 
     Raises:
         InputError: the scene is another one, or a mark is not possible.
     """
-    document, n = now.document, len(now.document.scene)
-    if project.scene_size != n:
+    n, first = len(now.document.scene), next(iter(project.objects.values()))
+    if first.scene_size != n:
         raise InputError(
-            f"This project is of '{project.scene.name}', which has {project.scene_size:,} Gaussians, and this scene "
-            f"has {n:,}; open its own scene first."
+            f"This project is of '{project.scene.name}', which has {first.scene_size or 0:,} Gaussians, and this "
+            f"scene has {n:,}; open its own scene first."
         )
-    up, places = document.find_up(project.up), project.objects[0].marks.photographed_from
-    basis = document.basis(up)
-    now = replace(now, up=up, basis=replace(basis, photographed_from=places or basis.photographed_from))
-    parts = []
-    for number, saved in enumerate(project.objects, 1):
-        progress(f"the marks of {saved.name}")
-        parts.append(
-            MarkedObject(
-                number,
-                saved.name,
-                saved.colour,
-                now.applied(now.nothing(), saved.marks.marks),
-                saved.marks.marks,
-                Cut(CutState.WANTED if saved.cut_out else CutState.NONE, None, saved.choices),
-                hidden=saved.hidden,
-                locked=saved.locked,
-            )
-        )
-    after = replace(now, objects=tuple(parts), active=project.active, next_id=len(parts) + 1, last="work of last time")
+    now = understood_with(now, first)
+    parts: list[MarkedObject] = []
+    for number, (name, saved) in enumerate(project.objects.items(), 1):
+        progress(f"the marks of {name}")
+        selected = now.applied(now.nothing(), saved.marks)
+        colour = replace(now, objects=tuple(parts)).contrasting_colour(selected.mask)
+        parts.append(MarkedObject(number, name, colour, selected, saved.marks))
+    last = len(parts) - 1
+    after = replace(now, objects=tuple(parts), active=last, next_id=len(parts) + 1, last="work of last time")
     marked = sum(bool(part.marks) for part in parts)
-    again = any(part.cut.state is CutState.WANTED for part in parts) * " What was cut out is being cut out again."
-    said = f"Your work is back: {marked} object{'s' * (marked > 1)} marked.{again} Undo takes it away."
+    said = f"Your work is back: {marked} object{'s' * (marked > 1)} marked. Undo takes it away."
     return Change(after, f"{said} {after.sentence}")

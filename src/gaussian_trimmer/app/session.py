@@ -7,16 +7,21 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from gaussian_trimmer.app.documents import Document, Progress
 from gaussian_trimmer.app.edits import Change
-from gaussian_trimmer.app.snapshots import Snapshot
-from gaussian_trimmer.app.worker import Cancelled
+from gaussian_trimmer.app.snapshots import Document, Progress, Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import Click
 from gaussian_trimmer.selecting.select import views_to_click_in
 
 MAX_STEPS = 50
 """Number of steps that can be undone."""
+
+
+class Cancelled(InputError):  # noqa: N818
+    """The present job was asked to stop."""
+
+    def __init__(self) -> None:
+        super().__init__("Cancelled; everything is as it was.")
 
 
 class Session:

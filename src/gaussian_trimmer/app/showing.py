@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Literal, get_args
 
-from gaussian_trimmer.app.snapshots import CutState, Snapshot
+from gaussian_trimmer.app.snapshots import Snapshot
 
 Part = Literal["Everything", "Object", "Scene without it"]
 When = Literal["Selection", "Cut-out"]
@@ -38,14 +38,6 @@ class Event(Enum):
     STEPPED = "a step was undone or redone, the object cleared, or another one chosen"
 
 
-class Due(Enum):
-    """What the app does next, by itself, when nobody wants anything else."""
-
-    NOTHING = "nothing"
-    CORRECTION = "cut out again what a mark has corrected"
-    WORK_OF_LAST_TIME = "cut out again what was cut out when the work was saved"
-
-
 def showing_after(event: Event, now: Snapshot, showing: Showing) -> Showing:
     """Return what is to be seen after an event; tints and changes stay until something else is asked for.
 
@@ -54,7 +46,7 @@ def showing_after(event: Event, now: Snapshot, showing: Showing) -> Showing:
         now: the state after it.
         showing: what was seen before, or what has just been chosen.
     """
-    selected, cut = now.object.n_selected > 0, now.object.cut.result is not None
+    selected, cut = now.object.n_selected > 0, now.object.result is not None
     match event:
         case Event.OPENED:
             return Showing()
@@ -74,22 +66,18 @@ def showing_after(event: Event, now: Snapshot, showing: Showing) -> Showing:
             return replace(showing, part="Everything") if showing.part == "Scene without it" and not cut else showing
 
 
-def due_after(event: Event, now: Snapshot, showing: Showing, due: Due) -> Due:
-    """Return what is to be done next after an event; undoing cuts nothing out.
+def due_after(event: Event, now: Snapshot, showing: Showing, due: bool) -> bool:
+    """Tell whether a correction is to be cut out after an event, when nobody wants anything else; no undoing does that.
 
     Args:
         event: what has been done.
         now: the state after it.
         showing: what is seen after it.
-        due: what was to be done before it.
+        due: whether that was so before it.
     """
-    wanted = any(part.cut.state is CutState.WANTED for part in now.objects)
-    if wanted and (event is Event.OPENED or due is Due.WORK_OF_LAST_TIME):
-        return Due.WORK_OF_LAST_TIME
     if event is Event.PART_CHOSEN:
         return due
-    corrected = event is Event.MARKED and now.object.cut.state is CutState.STALE and showing.when == "Cut-out"
-    return Due.CORRECTION if corrected else Due.NOTHING
+    return event is Event.MARKED and now.object.stale and showing.when == "Cut-out"
 
 
 def compared(showing: Showing) -> tuple[Showing, str]:

@@ -1,27 +1,105 @@
-"""The state of the app: what is marked and cut out in a scene. Nothing here changes in place, so undoing means going
-back to an earlier snapshot. N Gaussians of the scene.
+"""The state of the app: a scene, and what is marked and cut out in it. N Gaussians of the scene.
+
+Nothing here changes in place, so undoing means going back to an earlier snapshot.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
-from gaussian_trimmer.app.documents import Document
-from gaussian_trimmer.cameras import Point, point_of
-from gaussian_trimmer.gaussians import SH_C0, BoolArray
+from gaussian_trimmer import formats
+from gaussian_trimmer.camera_files import read_cameras_of
+from gaussian_trimmer.cameras import CameraSet, Point, point_of
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import identify
+from gaussian_trimmer.gaussians import SH_C0, BoolArray, Gaussians
+from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.output.report import describe, sentences
+from gaussian_trimmer.output.saving import suffix_of
 from gaussian_trimmer.selecting.interpretation import MarkInterpreter
 from gaussian_trimmer.selecting.marks import Mark, Marks
+from gaussian_trimmer.selecting.select import resolve_views
 from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.evidence import EvidenceConfig
 from gaussian_trimmer.trimming.result import TrimResult
-from gaussian_trimmer.trimming.up_vector import FROM_FORMAT, UpVector
+from gaussian_trimmer.trimming.up_vector import FROM_FORMAT, UpVector, find_up
+
+Progress = Callable[[str], None]
+"""Called with the name of each stage when it begins."""
+
+_CHECKED_GAUSSIANS = 3000
+_LEAST_SHARE_IN_PICTURES = 0.25
+"""Share of a scene's Gaussians that some camera has in its picture. Cameras of their own scene have 0.99."""
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """A scene, and the cameras that it is used with."""
+
+    path: Path
+    """As it was given: a splat file, or the folder of a training."""
+    camera_path: Path | None
+    scene: Gaussians
+    """N Gaussians."""
+    cameras: CameraSet | None
+
+    @classmethod
+    def read(cls, path: Path, camera_path: Path | None, progress: Progress = lambda stage: None) -> Document:
+        """Read a scene of any format, and its cameras if they are given.
+
+        Raises:
+            InputError: a file cannot be read, the cameras are another scene's, or the scene holds numbers with which
+                nothing can be computed.
+        """
+        progress("reading the scene")
+        scene = formats.read(identify(path).scene)
+        check_magnitudes(scene)
+        document = cls(path, None, scene, None)
+        progress("reading the cameras")
+        return document if camera_path is None else document.with_cameras(camera_path)
+
+    def suffix(self, format: str | None = None) -> str:
+        """Return the ending of splat files in a format; without one, the scene's own, or the nearest to be written.
+
+        Raises:
+            InputError: no format has that name.
+        """
+        return suffix_of(format) if format else formats.written_suffix(identify(self.path).scene)
+
+    def with_cameras(self, path: Path) -> Document:
+        """Return the same scene with the cameras of a file or folder.
+
+        Raises:
+            InputError: they cannot be read, or they are another scene's.
+        """
+        cameras = read_cameras_of(identify(self.path).scene, path)
+        points = self.scene.means[:: max(1, len(self.scene) // _CHECKED_GAUSSIANS)].astype(np.float64)
+        seen = np.any([camera.contains(camera.project(points)[0]) for camera in cameras.cameras], axis=0)
+        if seen.mean() < _LEAST_SHARE_IN_PICTURES:
+            raise InputError(
+                f"The cameras of '{path}' show only {100 * seen.mean():.0f} % of this scene, so they seem to be "
+                "another scene's; give those that this scene was trained with, or none."
+            )
+        return replace(self, camera_path=path, cameras=cameras)
+
+    def find_up(self, given: Point | None = None) -> UpVector:
+        """Return the up vector: a given one, or that of the cameras, the ground, or the format.
+
+        Raises:
+            InputError: the given one is not a direction.
+        """
+        return find_up(self.scene, self.cameras, given)
+
+    def basis(self, up: UpVector) -> Marks:
+        """Return what marks are understood with, given an up vector; there are no marks in it."""
+        return resolve_views(self.scene, (), cameras=self.cameras, up=up.direction, camera_path=self.camera_path)
+
 
 Colour = tuple[int, int, int]
 
@@ -55,26 +133,6 @@ class TrimChoices:
         )
 
 
-class CutState(Enum):
-    """Where the cut-out of an object stands."""
-
-    NONE = "not cut out"
-    FRESH = "cut out as it is marked"
-    STALE = "cut out, and marked since"
-    WANTED = "cut out when the work was saved, and to be cut out again"
-
-
-@dataclass(frozen=True, eq=False)
-class Cut:
-    """The cut-out of an object."""
-
-    state: CutState = CutState.NONE
-    result: TrimResult | None = None
-    """Of a fresh or stale one."""
-    choices: TrimChoices = field(default_factory=TrimChoices)
-    """What it was, or is to be, made with."""
-
-
 @dataclass(frozen=True, eq=False)
 class MarkedObject:
     """An object that is being marked, and its cut-out."""
@@ -86,7 +144,12 @@ class MarkedObject:
     selected: Selection
     """What the marks select."""
     marks: tuple[Mark, ...] = ()
-    cut: Cut = field(default_factory=Cut)
+    result: TrimResult | None = None
+    """The trim of the object; None if it is not cut out."""
+    stale: bool = False
+    """Whether it was marked since it was cut out."""
+    choices: TrimChoices = field(default_factory=TrimChoices)
+    """What it was, or is to be, trimmed with."""
     before: BoolArray | None = None
     """The object's Gaussians before the marks since its last cut-out, or else before the last mark, (N,); None for an
     object that was cut out as it had been marked."""
@@ -98,18 +161,18 @@ class MarkedObject:
     @property
     def fresh(self) -> TrimResult | None:
         """The result of the marks as they are; None if there is none."""
-        return self.cut.result if self.cut.state is CutState.FRESH else None
+        return None if self.stale else self.result
 
     @property
     def mask(self) -> BoolArray:
         """Which Gaussians the object has, with what was marked since it was cut out, (N,)."""
         if self.fresh is not None:
             return self.fresh.object_mask
-        mask, stale = self.selected.mask, self.cut.result
-        if stale is None:
+        mask, result = self.selected.mask, self.result
+        if result is None:
             return mask
-        rough = stale.selection
-        return np.asarray((stale.object_mask | (mask & ~rough)) & ~(rough & ~mask) & ~self.selected.removed)
+        rough = result.selection
+        return np.asarray((result.object_mask | (mask & ~rough)) & ~(rough & ~mask) & ~self.selected.removed)
 
     @property
     def n_selected(self) -> int:
@@ -128,10 +191,9 @@ class MarkedObject:
 
     def marked(self, marks: tuple[Mark, ...], selected: Selection, *, further: bool = False) -> MarkedObject:
         """Return the object with other marks; with further ones, its cut-out is stale and still to be seen."""
-        stale = further and self.cut.result is not None
-        before = self.before if self.cut.state is CutState.STALE and self.before is not None else self.mask
-        cut = replace(self.cut, state=CutState.STALE) if stale else Cut(choices=self.cut.choices)
-        return replace(self, marks=marks, selected=selected, before=before, cut=cut)
+        result = self.result if further else None
+        before = self.before if self.stale and self.before is not None else self.mask
+        return replace(self, marks=marks, selected=selected, before=before, result=result, stale=result is not None)
 
 
 @dataclass(frozen=True, eq=False)

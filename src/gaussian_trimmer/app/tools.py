@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.app import edits, panels
+from gaussian_trimmer.app import edits, page
 from gaussian_trimmer.app.display import markable_rows, shown_rows
 from gaussian_trimmer.app.jobs import Jobs
 from gaussian_trimmer.app.page import Gesture
@@ -57,12 +57,12 @@ class Tools:
         self._view.show_points([])
         self._view.hide_box()
         if self._session.glance() is None:
-            self._panels.tool.value = panels.LOOK
+            self._panels.tool.value = page.LOOK
             raise InputError("Open a scene first.")
         tool: str = self._panels.tool.value
-        if tool == panels.BOX3D:
+        if tool == page.BOX3D:
             self._show_box(client)
-        return panels.HINTS[tool]
+        return page.HINTS[tool]
 
     def resize_brush(self, client: Any, *, larger: bool) -> None:
         """Let the brush be larger or smaller by a step."""
@@ -73,13 +73,13 @@ class Tools:
     def heard(self, gesture: Gesture, client: Any) -> None:
         """Do what was meant by a gesture."""
         work: dict[str, Callable[[Viewpoint, Gesture], str]] = {
-            panels.CLICK: self._click,
-            panels.BOX: self._box,
-            panels.POINTS: self._corner,
-            **dict.fromkeys((panels.LASSO, panels.POLYGON, panels.BRUSH, panels.SPHERE), self._draw),
+            page.CLICK: self._click,
+            page.BOX: self._box,
+            page.POINTS: self._corner,
+            **dict.fromkeys((page.LASSO, page.POLYGON, page.BRUSH, page.SPHERE), self._draw),
         }
         if gesture.places and gesture.tool in work and gesture.tool == self._panels.tool.value:
-            view, event = self._view.viewpoint(client), None if gesture.tool == panels.POINTS else Event.MARKED
+            view, event = self._view.viewpoint(client), None if gesture.tool == page.POINTS else Event.MARKED
             self._do("Marking", lambda: work[gesture.tool](view, gesture), event)
 
     def change_selection(self, way: str, client: Any) -> None:
@@ -113,7 +113,7 @@ class Tools:
         self._view.show_box(np.stack([local.min(axis=0) - padding, local.max(axis=0) + padding]), now.up.direction)
 
     def _effect(self, asked: Effect | None) -> Effect:
-        return asked or panels.EFFECTS[self._panels.effect.value]
+        return asked or page.EFFECTS[self._panels.effect.value]
 
     def _click(self, view: Viewpoint, gesture: Gesture) -> str:
         """Mark what was clicked on; without a key or another mode, go on with the object that has it."""
@@ -170,9 +170,9 @@ class Tools:
     def _draw(self, view: Viewpoint, gesture: Gesture) -> str:
         """Mark what was drawn over, among what is shown; of an object that is seen cut out, cut it off."""
         controls, now, effect = self._panels, self._session.now, self._effect(gesture.effect)
-        sphere, radius = gesture.tool == panels.SPHERE, float(controls.brush.value)
-        stroke = Stroke(view, gesture.places, radius if sphere or gesture.tool == panels.BRUSH else None)
-        through, by_centres = controls.reach.value == panels.THROUGH, sphere or controls.taking.value == panels.CENTRES
+        sphere, radius = gesture.tool == page.SPHERE, float(controls.brush.value)
+        stroke = Stroke(view, gesture.places, radius if sphere or gesture.tool == page.BRUSH else None)
+        through, by_centres = controls.reach.value == page.THROUGH, sphere or controls.taking.value == page.CENTRES
         rows, gaussians = np.flatnonzero(self._shown_rows()), self._shown()
         cuts = False
         showing = controls.showing
@@ -196,7 +196,7 @@ class Tools:
             return f"{3 - len(self._corners)} more on the ground."
         corners, self._corners = self._corners, []
         said = self._session.do(edits.set_up, edits.normal_of(corners, point_of(view.camera.centre)))
-        self._panels.tool.value = panels.LOOK
+        self._panels.tool.value = page.LOOK
         self.begin(None)
         return said
 
@@ -214,12 +214,12 @@ class Tools:
 
     def _mark(self, mark: Mark, gesture: Gesture | None = None) -> str:
         """Make a mark; what was drawn without a key replaces the selection where the mode says so."""
-        anew = self._panels.effect.value == panels.ANEW and gesture is not None and gesture.effect is None
+        anew = self._panels.effect.value == page.ANEW and gesture is not None and gesture.effect is None
         among = markable_rows(self._session.now, self._panels.showing)
         sentence = self._session.do(edits.mark, mark, among=among, anew=anew)
         self._clicked = self._session.now.object.marks, mark if isinstance(mark, Click) else None
-        if self._panels.effect.value == panels.KEEP_ONLY:  # else the next mark would keep nothing
-            self._panels.effect.value = panels.ADD
+        if self._panels.effect.value == page.KEEP_ONLY:  # else the next mark would keep nothing
+            self._panels.effect.value = page.ADD
         return sentence
 
     def _shown_rows(self) -> Any:

@@ -1,4 +1,4 @@
-"""Between the browser's picture of a scene and the scene: coordinates, cameras and surfaces."""
+"""Between the browser's picture of a scene and the scene: coordinates, cameras, surfaces, and what to look at."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from gaussian_trimmer.cameras import Camera, CameraSet, Point, Viewpoint, point_
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, rotation_matrices
 from gaussian_trimmer.geometry.bounds import dominant_cluster
+from gaussian_trimmer.output.report import checked_sides, middle_degree, why_unchecked
+from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selecting.select import views_to_click_in
 from gaussian_trimmer.surface.viewed_scene import small_view, surface_points
+from gaussian_trimmer.trimming.result import TrimResult
 from gaussian_trimmer.views.standing import stands_in_rooms
 
 Place = tuple[float, float]
@@ -133,3 +136,28 @@ def points_at(gaussians: Gaussians, view: Viewpoint, places: Sequence[Place]) ->
     """Return the points that show at places of the picture, as `pixel_at`, (P, 3); NaN where nothing is seen."""
     small = small_view(view.camera)
     return surface_points(gaussians, small, np.array([pixel_at(Viewpoint(small), place) for place in places]))
+
+
+_SOFT = (0.05, 0.5)
+"""Alpha of pixels that are the object's and hardly show it."""
+_RISE = 0.3
+"""How high a side is looked at from, relative to the distance."""
+
+
+def doubts(result: TrimResult) -> list[tuple[str, Float64Array]]:
+    """Return what there is to doubt of a single object, in words, and the direction (3,) from the object to see it."""
+    part = result.objects[0]
+    found = [(view, view.view.camera.centre - part.bounds.centre) for view in part.views]
+    said = [(f"From here it could not be checked: {view.rejected}.", away) for view, away in found if view.rejected]
+    checked, observed = checked_sides(part, result.cameras)
+    if why := why_unchecked(unseen := middle_degree(~checked), checked, observed):
+        yaw = np.radians(unseen)
+        away = np.array([np.cos(yaw), np.sin(yaw), _RISE]) @ part.bounds.axes
+        said.append((f"The side seen least: {why}.", away))
+    alphas = [render(part.gaussians, view.view.camera).alpha for view, _ in found]
+    if alphas:
+        soft = [((alpha > _SOFT[0]) & (alpha < _SOFT[1])).mean() for alpha in alphas]
+        said.append(("The softest edge is seen from here.", found[int(np.argmax(soft))][1]))
+    if part.not_filled:
+        said.append((f"The hole is not filled: {part.not_filled}.", part.up.direction + _RISE * part.bounds.axes[0]))
+    return said

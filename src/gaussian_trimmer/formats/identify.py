@@ -266,10 +266,10 @@ def _kind_of_json(path: Path) -> Kind:
         return "cameras"
     with path.open("rb") as file:
         begin = file.read(256)
+    if f'"content": "{PROJECT}"'.encode() in begin:  # first, since there are marks in it
+        return "project"
     if f'"content": "{MARKS}"'.encode() in begin:
         return "marks"
-    if f'"content": "{PROJECT}"'.encode() in begin:
-        return "project"
     return "array" if _NUMBERS.match(begin) else "cameras"
 
 
