@@ -24,7 +24,6 @@ LAYERS = (
     FILES,
     ("views",),
     ("removal",),
-    ("options",),
     ("trimming",),
     ("masks",),
     ("output",),

@@ -97,7 +97,7 @@ def test_nvos_has_a_table_of_looks(clip, tmp_path, capsys):
 
     dataset_layouts.save_nvos(tmp_path / "nvos", tmp_path / "SAGD")
     arguments = ["--predictions", tmp_path / "SAGD", "--tasks", "fern", "--clip", clip, "--format", "csv"]
-    assert run("evaluate", "nvos", tmp_path / "nvos", *arguments, "--plan.size", 160) == 0
+    assert run("evaluate", "nvos", tmp_path / "nvos", *arguments, "--set", "plan.size=160") == 0
     printed = capsys.readouterr().out
     assert "method,rule,CLIP-IQA clear boundary (%) before" in printed and "SAGD,CLIP-IQA," in printed
 

@@ -135,11 +135,12 @@ class Parser(argparse.ArgumentParser):
             flag, help = f"--{field.name.replace('_', '-')}", " ".join(texts[field.name].split()).rstrip(".")
             group.add_argument(flag, kind=hints_of(kind)[field.name], default=field.default, help=help, rare=True)
 
-    def add_settings(self, group: Any, kind: type, **further: type) -> None:
+    def add_settings(self, group: Any, *kinds: type, **further: type) -> None:
         """Add `--set` for the fields of dataclasses; names of further ones begin with a name and a dot."""
-        help = "Change a setting, such as plan.views=7; --help-all lists them"
+        help = "Change a setting by its name; --help-all lists them"
         group.add_argument("--set", action="repeated", metavar="NAME=VALUE", default=(), help=help)
-        self.settings = settings_in(kind)
+        for kind in kinds:
+            self.settings |= settings_in(kind)
         for name, one in further.items():
             self.settings |= settings_in(one, f"{name}.")
 

@@ -37,28 +37,31 @@ def add_reading(group: Any) -> None:
     group.add_argument("--trust-paths", kind=bool, help=TRUST, rare=True)
 
 
-def add_method(parser: Parser, *, rare: bool = False) -> Any:
-    """Add how an object is trimmed; return the group of these arguments."""
-    group, config = parser.add_argument_group("how to trim"), hints_of(TrimConfig)
+def add_stages(group: Any, parser: Parser, *, rare: bool = False) -> None:
+    """Add preset, number of views, and every setting of the stages of a trim."""
     preset = "Defaults of all settings: this program's, or the GaussianTrimmer paper's"
     group.add_argument("--preset", kind=choice_of(("default", "paper")), default="default", help=preset, rare=rare)
-    views, sam = (
-        "Number of virtual views, usually 5",
-        "Folder of a SAM or SAM 2 that draws the object's masks in the views",
-    )
+    views = "Number of virtual views, usually 5"
     group.add_argument("--views", kind=hints_of(PlanConfig)["views"], help=views, rare=rare)
+    parser.add_settings(group, TrimConfig, selection=SelectionOptions)
+
+
+def add_method(parser: Parser, *, rare: bool = False) -> None:
+    """Add how an object is trimmed."""
+    group, config = parser.add_argument_group("how to trim"), hints_of(TrimConfig)
+    add_stages(group, parser, rare=rare)
+    sam = "Folder of a SAM or SAM 2 that draws the object's masks in the views"
     group.add_argument("--sam", kind=Path, metavar="DIR", help=sam, rare=rare)
     outline, scene = "Fit the object's outline, or leave whole Gaussians", "How the scene without the object is made"
     group.add_argument("--refine", kind=config["refine"], help=outline, rare=rare)
     group.add_argument("--background", kind=config["background"], help=scene, rare=rare)
-    parser.add_settings(group, TrimConfig, selection=SelectionOptions)
-    return group
+    stands = "What stands on the object goes with it"
+    group.add_argument("--with-what-stands-on-it", kind=bool, help=stands, rare=True)
 
 
 def add_trimming(parser: Parser, *, rare: bool = False) -> None:
     """Add how an object is trimmed, and in which files it is written."""
-    group, stands = add_method(parser, rare=rare), "What stands on the object goes with it"
-    group.add_argument("--with-what-stands-on-it", kind=bool, help=stands, rare=True)
+    add_method(parser, rare=rare)
     group = parser.add_argument_group("files")
     ending = "Format of object and background; by default the scene's"
     group.add_argument("--format", metavar="ENDING", help=ending, rare=rare)

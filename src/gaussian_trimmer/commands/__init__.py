@@ -8,7 +8,8 @@ from __future__ import annotations
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import Any
+
+    from gaussian_trimmer.parser import Parser
 
 COMMANDS = {
     "trim": ("trim", "sharpen a rough selection of one object"),
@@ -19,30 +20,24 @@ COMMANDS = {
     "select": ("select", "make a rough selection from a click, a box or masks"),
     "objects": ("objects", "find every object of a scene, without a click"),
     "view": ("view", "mark, trim and look in the browser"),
-    "evaluate": ("evaluate:Evaluate", "compare a trim with ground-truth masks"),
-    "evaluate removal": ("evaluate:EvaluateRemoval", "compare the scene without an object with pictures of it"),
-    "evaluate nvos": ("evaluate_dataset:Nvos", "score a method on NVOS, before and after trimming"),
-    "evaluate lerf-mask": ("evaluate_dataset:LerfMask", "the same on LERF-Mask"),
-    "evaluate lerf-ovs": ("evaluate_dataset:LerfOvs", "the same on LERF-OVS"),
+    "evaluate": ("evaluate", "compare a trim with ground-truth masks"),
+    "evaluate removal": ("evaluate", "compare the scene without an object with pictures of it"),
+    "evaluate nvos": ("evaluate_dataset", "score a method on NVOS, before and after trimming"),
+    "evaluate lerf-mask": ("evaluate_dataset", "the same on LERF-Mask"),
+    "evaluate lerf-ovs": ("evaluate_dataset", "the same on LERF-OVS"),
 }
 """Name -> its module, and a line of help. A command of two words goes before the command of its first word."""
 
 
-def parser_of(name: str) -> Any:
+def parser_of(name: str) -> Parser:
     """Return what reads the words of a command, by its name in `COMMANDS`."""
     from importlib import import_module
 
     from gaussian_trimmer.commands.gone import GONE
     from gaussian_trimmer.parser import Parser
 
-    module, _, kind = COMMANDS[name][0].partition(":")
-    loaded = import_module(f"gaussian_trimmer.commands.{module}")
-    if kind:
-        from gaussian_trimmer.commands.help import DataclassParser
-
-        return DataclassParser(name, getattr(loaded, kind))
     parser = Parser(name, GONE)
-    loaded.add_arguments(parser)
+    import_module(f"gaussian_trimmer.commands.{COMMANDS[name][0]}").add_arguments(parser)
     return parser
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
 
 from gaussian_trimmer.commands.console import open_console
-from gaussian_trimmer.commands.evaluate import Findings, RuleOptions, TableOptions, publish
+from gaussian_trimmer.commands.evaluate import Findings, add_rules, add_tables, judge_of, publish_as
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.clip_iqa import PAIRS
 from gaussian_trimmer.evaluation.datasets import LAYOUTS, MEAN_NOTES, OWN, Layout, Protocol
@@ -24,144 +24,107 @@ from gaussian_trimmer.evaluation.tables import (
     unit_scores,
 )
 from gaussian_trimmer.evaluation.trials import Run, find_files, measure, read_ids, trials_of, way_of
-from gaussian_trimmer.options import Names, Positional, arg
-from gaussian_trimmer.selection_files import SelectionOptions
-from gaussian_trimmer.settings import check_settings, to_plain
-from gaussian_trimmer.trimming.config import TrimConfig, paper_config
+from gaussian_trimmer.parser import Parser
+from gaussian_trimmer.settings import to_plain
+from gaussian_trimmer.trim_arguments import add_stages, config_of, selection_options_of
+
+ABOUT = {
+    "nvos": """Measure methods on NVOS before and after trimming.
+
+ROOT holds masks/<task>/<target>_mask.png. In a method's folder each task has its files in <task>/ or <scene>/:
+scene.ply or point_cloud/iteration_*/point_cloud.ply, a selection or object file, and cameras; or name the files
+with --scenes, --selections and --cameras.""",
+    "lerf-mask": """Measure methods on LERF-Mask before and after trimming.
+
+ROOT holds <scene>/test_mask/<view>/<words>.png with <scene>/images and <scene>/images_train. In a method's folder
+each object has its files in <scene>/<words>/ or <scene>/; or name them with --scenes, --selections and --cameras.""",
+    "lerf-ovs": """Measure methods on LERF-OVS before and after trimming.
+
+ROOT holds label/<scene>/<picture>.json with polygons, and <scene>/images. In a method's folder each object has its
+files in <scene>/<words>/ or <scene>/; or name them with --scenes, --selections and --cameras.""",
+}
+"""Names of data sets -> what their commands say."""
 
 
-@dataclass(frozen=True)
-class _EvaluateDataset:
-    layout: ClassVar[str]
-    root: Annotated[Positional[Path], arg(metavar="ROOT")]
-    """Folder of the data set."""
-    predictions: Annotated[tuple[Path, ...], arg(metavar="DIR [DIR ...]")]
-    """Output folders of segmentation methods, one or several; a method is called like its folder."""
-    protocol: str = OWN
-    """Rules of the comparison: this program's, or those of a published code, which docs/evaluation.md lists."""
-    tasks: tuple[str, ...] = ()
-    """Only these tasks."""
-    scenes: str | None = None
-    """Pattern of the splat files below a folder of predictions, in which {scene} and {object} stand for the task's
-    names; without it the usual places are searched."""
-    selections: str | None = None
-    """Pattern of the selections or objects; without it the usual places are searched."""
-    cameras: str | None = None
-    """Pattern of the cameras; without it the usual places are searched, also in the data set."""
-    ids: Annotated[Path | None, arg(metavar="FILE")] = None
-    """CSV file with the id of each task's object, or several: rows of task and ids, such as 'ramen/yellow bowl,12 45'.
-    The tasks of a scene may then share a selection file."""
-    preset: Literal["default", "paper"] = "default"
-    """Defaults of the trimmer's settings: those of this program, or those of the GaussianTrimmer paper."""
-    config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)
-    selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
-    """How selection files are read; the defaults suffice unless a file can be understood in several ways."""
-    rules: Annotated[RuleOptions, arg(name="")] = field(default_factory=RuleOptions)
-    tables: Annotated[TableOptions, arg(name="")] = field(default_factory=TableOptions)
+def add_arguments(parser: Parser) -> None:
+    """Say what the command takes."""
+    parser.describe(ABOUT[parser.command.removeprefix("evaluate ")], lambda arguments: publish_as(arguments, _measure))
+    parser.add_argument("root", kind=Path, metavar="ROOT", help="Folder of the data set")
+    group = parser.add_argument_group("methods")
+    predictions = "Output folders of segmentation methods; a method is called like its folder"
+    folders = tuple[Path, ...]
+    group.add_argument("--predictions", kind=folders, metavar="DIR ...", required=True, help=predictions)
+    group.add_argument("--tasks", kind=tuple[str, ...], metavar="TASK ...", help="Only these tasks")
+    scenes = "Pattern of the splat files below a folder of predictions, in which {scene} and {object} stand for the "
+    scenes += "task's names; without it the usual places are searched"
+    group.add_argument("--scenes", metavar="PATTERN", help=scenes)
+    group.add_argument("--selections", metavar="PATTERN", help="The same of the selections or objects")
+    group.add_argument("--cameras", metavar="PATTERN", help="The same of the cameras, also in the data set")
+    ids = "CSV file with the id of each task's object, or several: rows such as 'ramen/yellow bowl,12 45'"
+    group.add_argument("--ids", kind=Path, metavar="FILE", help=ids)
+    protocol = "Rules of the comparison: this program's, or those of a published code, which docs/evaluation.md lists"
+    group.add_argument("--protocol", metavar="NAME", default=OWN, help=protocol)
+    add_rules(parser)
+    add_stages(parser.add_argument_group("how to trim"), parser)
+    add_tables(parser)
 
-    @classmethod
-    def presets(cls, given: Mapping[Names, Any]) -> dict[Names, Any]:
-        """Return the values that a preset has for fields; options given beside it come on top."""
-        return {("config",): paper_config()} if given.get(("preset",)) == "paper" else {}
 
-    def run(self) -> None:
-        """Trim every prediction, measure before and after, print the tables, and write them if asked to.
-
-        Raises:
-            InputError: something that the user gave cannot be used; everything is looked for before the first trim.
-        """
-        check_settings(self.config)
-        check_settings(self.selection_options, "selection")
-        publish(self._measure, **vars(self.tables))
-
-    def _measure(self) -> Findings:
-        layout, judge = LAYOUTS[self.layout], self.rules.judge()
-        protocol = layout.protocol(self.protocol)
-        if self.protocol != OWN:
-            if self.rules.threshold not in (THRESHOLD, protocol.threshold):
-                raise InputError(
-                    f"The protocol '{self.protocol}' has the threshold {protocol.threshold:g}; leave it out."
-                )
-            judge = replace(judge, threshold=protocol.threshold)
-        methods = self._runs(layout, protocol, judge)
-        rules = [judge.describe()] if self.protocol == OWN else [protocol.describe()]
-        notes = [*rules, f"trimmed with the preset '{self.preset}', {self.config.plan.views} views", MADE_BY]
-        notes.append(MEAN_NOTES[layout.mean_over])
-        n_tasks = min(map(len, methods.values()))
-        if n_tasks != layout.expected and layout.expected is not None:
-            notes.append(
-                f"{n_tasks} tasks, where {layout.title} has {layout.expected}: means are not comparable with published "
-                "ones"
+def _measure(arguments: Namespace) -> Findings:
+    name, config = arguments.parser.command.removeprefix("evaluate "), config_of(arguments)
+    layout, judge = LAYOUTS[name], judge_of(arguments)
+    protocol = layout.protocol(arguments.protocol)
+    if arguments.protocol != OWN:
+        if arguments.threshold not in (THRESHOLD, protocol.threshold):
+            raise InputError(
+                f"The protocol '{arguments.protocol}' has the threshold {protocol.threshold:g}; leave it out."
             )
-        tables = {f"{self.layout}-{name}": table_of_tasks(layout, name, runs, notes) for name, runs in methods.items()}
-        metrics = {rule: [name + RULES[rule] for name in ("iou", layout.second)] for rule in protocol.rules}
-        tables[self.layout] = table_of_means(layout, methods, metrics, notes)
-        if self.rules.clip:
-            tables[f"{self.layout}-clip"] = table_of_means(layout, methods, {"CLIP-IQA": list(PAIRS)}, notes)
-        title, listed = f"{layout.title}: how sure the means are", [name for own in metrics.values() for name in own]
-        tables[f"{self.layout}-statistics"] = table_of_statistics(title, methods, listed, notes, layout.mean_over)
-        settings = {"protocol": self.protocol, "preset": self.preset}
-        parts = {"config": self.config, "rules": self.rules, "selection_options": self.selection_options}
-        found = [run for runs in methods.values() for run in runs]
-        return tables, found, settings | {name: to_plain(part) for name, part in parts.items()}
-
-    def _runs(self, layout: Layout, protocol: Protocol, judge: Judge) -> dict[str, list[Run]]:
-        """Return the runs of every method."""
-        tasks = layout.find_tasks(self.root, self.tasks)
-        folders = {folder.resolve().name: folder for folder in self.predictions}
-        if not folders or len(folders) < len(self.predictions):
-            names = ", ".join(folder.name for folder in self.predictions) or "none"
-            raise InputError(f"Give folders with different names after --predictions; given: {names}.")
-        ids = read_ids(self.ids, tasks) if self.ids else {}
-        patterns = {"scene": self.scenes, "selection": self.selections, "cameras": self.cameras}
-        found = {
-            name: [find_files(task, folder, self.root, patterns, bool(ids)) for task in tasks]
-            for name, folder in folders.items()
-        }
-        way = {str(self.preset): way_of(self.config, paper=self.preset == "paper")}
-        # Lines on the progress belong to no CSV or JSON.
-        progress = open_console(quiet=self.tables.quiet or self.tables.json or self.tables.format != "table")
-        methods: dict[str, list[Run]] = {name: [] for name in found}
-        for name, files in found.items():
-            for trial in trials_of(tasks, files, name, self.selection_options, protocol, ids):
-                for run in measure(trial, way, judge, fidelity=False):
-                    methods[name].append(run)
-                    progress.print(str(run))
-        return methods
+        judge = replace(judge, threshold=protocol.threshold)
+    methods = _runs(arguments, layout, protocol, judge)
+    rules = [judge.describe()] if arguments.protocol == OWN else [protocol.describe()]
+    notes = [*rules, f"trimmed with the preset '{arguments.preset}', {config.plan.views} views", MADE_BY]
+    notes.append(MEAN_NOTES[layout.mean_over])
+    n_tasks = min(map(len, methods.values()))
+    if n_tasks != layout.expected and layout.expected is not None:
+        notes.append(
+            f"{n_tasks} tasks, where {layout.title} has {layout.expected}: means are not comparable with published ones"
+        )
+    tables = {f"{name}-{method}": table_of_tasks(layout, method, runs, notes) for method, runs in methods.items()}
+    metrics = {rule: [name + RULES[rule] for name in ("iou", layout.second)] for rule in protocol.rules}
+    tables[name] = table_of_means(layout, methods, metrics, notes)
+    if arguments.clip:
+        tables[f"{name}-clip"] = table_of_means(layout, methods, {"CLIP-IQA": list(PAIRS)}, notes)
+    title, listed = f"{layout.title}: how sure the means are", [name for own in metrics.values() for name in own]
+    tables[f"{name}-statistics"] = table_of_statistics(title, methods, listed, notes, layout.mean_over)
+    settings = {"protocol": arguments.protocol, "preset": arguments.preset}
+    chosen = {"threshold": arguments.threshold, "clip": arguments.clip}
+    parts = {"config": config, "rules": chosen, "selection_options": selection_options_of(arguments)}
+    found = [run for runs in methods.values() for run in runs]
+    return tables, found, settings | {name: to_plain(part) for name, part in parts.items()}
 
 
-@dataclass(frozen=True)
-class Nvos(_EvaluateDataset):
-    """Measure methods on NVOS before and after trimming.
-
-    ROOT holds masks/<task>/<target>_mask.png. In a method's folder each task has its files in <task>/ or <scene>/:
-    scene.ply or point_cloud/iteration_*/point_cloud.ply, a selection or object file, and cameras; or name the files
-    with --scenes, --selections and --cameras.
-    """
-
-    layout: ClassVar[str] = "nvos"
-
-
-@dataclass(frozen=True)
-class LerfMask(_EvaluateDataset):
-    """Measure methods on LERF-Mask before and after trimming.
-
-    ROOT holds <scene>/test_mask/<view>/<words>.png with <scene>/images and <scene>/images_train. In a method's folder
-    each object has its files in <scene>/<words>/ or <scene>/; or name them with --scenes, --selections and --cameras.
-    """
-
-    layout: ClassVar[str] = "lerf-mask"
-
-
-@dataclass(frozen=True)
-class LerfOvs(_EvaluateDataset):
-    """Measure methods on LERF-OVS before and after trimming.
-
-    ROOT holds label/<scene>/<picture>.json with polygons, and <scene>/images. In a method's folder each object has its
-    files in <scene>/<words>/ or <scene>/; or name them with --scenes, --selections and --cameras.
-    """
-
-    layout: ClassVar[str] = "lerf-ovs"
+def _runs(arguments: Namespace, layout: Layout, protocol: Protocol, judge: Judge) -> dict[str, list[Run]]:
+    """Return the runs of every method."""
+    tasks = layout.find_tasks(arguments.root, arguments.tasks)
+    folders = {folder.resolve().name: folder for folder in arguments.predictions}
+    if not folders or len(folders) < len(arguments.predictions):
+        names = ", ".join(folder.name for folder in arguments.predictions) or "none"
+        raise InputError(f"Give folders with different names after --predictions; given: {names}.")
+    ids = read_ids(arguments.ids, tasks) if arguments.ids else {}
+    patterns = {"scene": arguments.scenes, "selection": arguments.selections, "cameras": arguments.cameras}
+    found = {
+        name: [find_files(task, folder, arguments.root, patterns, bool(ids)) for task in tasks]
+        for name, folder in folders.items()
+    }
+    way = {str(arguments.preset): way_of(config_of(arguments), paper=arguments.preset == "paper")}
+    # Lines on the progress belong to no CSV or JSON.
+    progress = open_console(quiet=arguments.quiet or arguments.json or arguments.format != "table")
+    methods: dict[str, list[Run]] = {name: [] for name in found}
+    for name, files in found.items():
+        for trial in trials_of(tasks, files, name, selection_options_of(arguments), protocol, ids):
+            for run in measure(trial, way, judge, fidelity=False):
+                methods[name].append(run)
+                progress.print(str(run))
+    return methods
 
 
 def table_of_tasks(layout: Layout, method: str, runs: Sequence[Run], notes: Sequence[str]) -> ScoreTable:

@@ -103,7 +103,7 @@ def run(arguments: Namespace) -> int:
         marks = folder / MARKS
         return trim_into(
             folder, arguments, console, lambda: _select(arguments, path, console), files=given,
-            command=lambda up: words_again("trim", arguments, selection=marks, masks=None, in_order=(), up=up),
+            command=lambda up: words_again("trim", arguments, selection=marks, in_order=(), up=up),
             inputs={"scene": arguments.scene, "selection": path, "cameras": arguments.cameras}, source=path,
             overwrite=arguments.overwrite or is_made_of(folder, path),
         )  # fmt: skip
@@ -217,4 +217,4 @@ def _next_words(arguments: Namespace, path: Path, marks: Marks | None) -> list[s
     """Return the words of the command that trims the selection."""
     file = path.with_suffix(".json") if marks is not None and marks.exclude else path
     what = {"labels": file} if arguments.object_ids else {"selection": file}
-    return words_again("trim", arguments, masks=None, in_order=(), **what)
+    return words_again("trim", arguments, in_order=(), **what)

@@ -27,7 +27,6 @@ from gaussian_trimmer.gaussians import (
     rotation_matrices,
 )
 from gaussian_trimmer.io.writing import write_json
-from gaussian_trimmer.options import arg
 from gaussian_trimmer.settings import Range
 
 if TYPE_CHECKING:  # conversions need neither kernels nor a trimmer
@@ -137,10 +136,10 @@ def placement_for(
 class PlacingOptions:
     """How files for other programs are turned, moved and scaled."""
 
-    engine: Annotated[EngineName | None, arg(name="for")] = None
+    engine: EngineName | None = None
     """Files for this program, in a format that it reads, upright, with the foot at the origin. Trims write them beside
     the others, with poses.json."""
-    origin: Annotated[Origin | None, arg(default="foot with --for, else scene")] = None
+    origin: Origin | None = None
     """What lies at the origin of those files: the middle of the foot, or of the box, or the scene's own origin."""
     scale: Annotated[float, Range(1e-6, 1e6)] = 1.0
     """Units of those files in a unit of the scene, such as 100 for centimetres."""
