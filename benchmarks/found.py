@@ -22,7 +22,7 @@ from gaussian_trimmer.cameras import only_training
 from gaussian_trimmer.evaluation import metrics
 from gaussian_trimmer.evaluation.scoring import ious_of, shared_pixels
 from gaussian_trimmer.finding.find import find_objects
-from gaussian_trimmer.gaussians import Gaussians, IntArray
+from gaussian_trimmer.gaussians import Gaussians, IntArray, mask_of_rows
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.trim import trim_objects
 
@@ -67,7 +67,8 @@ def _measure(scene: BenchmarkScene, arguments: Namespace) -> None:
         for camera, far in scene.test_frames
         if not far
     ]
-    shared = shared_pixels(scene.gaussians, list(selections.values()), views)
+    masks = [mask_of_rows(rows, len(scene.gaussians)) for rows in selections.values()]
+    shared = shared_pixels(scene.gaussians, masks, views)
     print(scene.name, ", ".join(f"{name} {value:.4g}" for name, value in counts(shared).items()), flush=True)
     trimmed = (
         trim_objects(scene.gaussians, selections, cameras=cameras).objects if arguments.trim and selections else ()

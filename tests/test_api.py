@@ -18,7 +18,7 @@ import gaussian_trimmer as gt
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.output.saving import result_files, save
 from gaussian_trimmer.selecting.selection import Selection
-from gaussian_trimmer.trimming.arguments import mask_of_selection
+from gaussian_trimmer.trimming.arguments import rows_of_selection
 from gaussian_trimmer.trimming.config import SplitConfig
 from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.up_vector import find_up
@@ -115,7 +115,7 @@ def test_views_and_up_need_no_nested_settings(result):
     ],
 )
 def test_masks_of_whole_numbers_and_row_numbers_are_selections(same):
-    np.testing.assert_array_equal(mask_of_selection(same, len(SCENE)), ROUGH)
+    np.testing.assert_array_equal(rows_of_selection(same, len(SCENE)), np.flatnonzero(ROUGH))
 
 
 @pytest.mark.parametrize(
@@ -139,15 +139,15 @@ def test_masks_of_whole_numbers_and_row_numbers_are_selections(same):
 )
 def test_selections_that_can_be_misunderstood_are_refused(selection, n, said):
     with pytest.raises(gt.InputError, match=said):
-        mask_of_selection(selection, n)
+        rows_of_selection(selection, n)
 
 
 def test_ambiguity_ends_where_only_one_reading_is_possible():
-    assert mask_of_selection(np.array([1, 1]), 2).tolist() == [True, True]
-    assert mask_of_selection(np.array([0, 255]), 2).tolist() == [False, True]
-    assert mask_of_selection(np.array([1]), 1).tolist() == [True]
-    assert mask_of_selection(np.arange(5)[::-1], 5).all()
-    assert mask_of_selection(np.array([0, 1]), 3).tolist() == [True, True, False]
+    assert rows_of_selection(np.array([1, 1]), 2).tolist() == [0, 1]
+    assert rows_of_selection(np.array([0, 255]), 2).tolist() == [1]
+    assert rows_of_selection(np.array([1]), 1).tolist() == [0]
+    assert rows_of_selection(np.arange(5)[::-1], 5).tolist() == [0, 1, 2, 3, 4]
+    assert rows_of_selection(np.array([0, 1]), 3).tolist() == [0, 1]
 
 
 def test_a_selection_that_changes_later_does_not_change_the_result():

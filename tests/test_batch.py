@@ -81,14 +81,14 @@ def test_a_batch_of_one_is_the_command(folder, tmp_path, capsys, name, more):
         assert made == expected
     files = {path.name for path in (tmp_path / "new/items/one").iterdir()}
     assert ("report.html" in files, "background.ply" in files) == (bool(more), not more)
-    report = json.loads((tmp_path / "new/items/one/report.json").read_text())
+    (entry,) = json.loads((tmp_path / "new/items/one/report.json").read_text())["objects"]
     row = rows["one"]
-    assert row["state"] == "done" and float(row["seconds"]) > 0 and int(row["selected"]) == report["counts"]["selected"]
-    assert [float(row[name]) for name in "xyz"] == pytest.approx(report["bounds"]["centre"], abs=1e-5)
+    assert row["state"] == "done" and float(row["seconds"]) > 0 and int(row["selected"]) == entry["counts"]["selected"]
+    assert [float(row[name]) for name in "xyz"] == pytest.approx(entry["bounds"]["centre"], abs=1e-5)
     size = [float(row[name]) / 2 for name in ("length", "width", "height")]
-    assert size == pytest.approx(report["bounds"]["half_extents"], abs=1e-5)
+    assert size == pytest.approx(entry["bounds"]["half_extents"], abs=1e-5)
     turn = gt.gaussians.rotation_matrices(np.array([[float(row[f"q{name}"]) for name in "wxyz"]]))[0]
-    assert pytest.approx(np.array(report["bounds"]["axes"]), abs=1e-4) == turn.T
+    assert pytest.approx(np.array(entry["bounds"]["axes"]), abs=1e-4) == turn.T
 
 
 def test_only_what_has_changed_is_made_again(copy, capsys):

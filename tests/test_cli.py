@@ -73,8 +73,6 @@ def test_json_is_all_that_services_see(ball, tmp_path, capsys, monkeypatch):
     several = ["trim", folder / "scene.ply", "--labels", tmp_path / "labels.npy", "--up", "z", *SMALL, "--json"]
     assert run(*several, "--output", tmp_path / "several") == 0
     assert [each["name"] for each in json.loads(capsys.readouterr().out)["objects"]] == ["1"]
-    selecting = ["select", folder / "scene.ply", "--sphere", 0, 0, 1, 1, "--output", tmp_path / "a.npy", "--json"]
-    assert json.loads(capsys.readouterr().out)["name"] == "1"
     selecting = [
         "select",
         folder / "scene.ply",

@@ -19,7 +19,7 @@ from gaussian_trimmer.cameras import Point, point_of
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.formats.identify import identify
-from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, mask_of_rows
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.selecting.interpretation import INTERPRETATIONS
 from gaussian_trimmer.selecting.marks import Effect, FromFile, Mark, Marks, Rows, read_marks
@@ -287,7 +287,7 @@ def find(now: Snapshot, progress: Progress = lambda stage: None) -> Change:
     kept, blank = ([part for part in now.objects if bool(part.marks) is marked] for marked in (True, False))
     taken = np.any([now.nothing().mask, *(part.mask for part in kept)], axis=0)
     sure = list(found.selections().values())
-    further = [mask & ~taken for mask in sure if (mask & taken).sum() <= HALF * mask.sum()]
+    further = [rows[~taken[rows]] for rows in sure if taken[rows].sum() <= HALF * len(rows)]
     left_out = {"unsure": len(found) - len(sure), "marked already": len(sure) - len(further)}
     rest = ", ".join(f"{many} {why}" for why, many in left_out.items() if many)
     rest = f" Left out: {rest}." if rest else ""
@@ -295,7 +295,8 @@ def find(now: Snapshot, progress: Progress = lambda stage: None) -> Change:
         raise InputError(f"No further object was found; mark by clicks or boxes.{rest}")
     new = (MarkedObject(free, f"object {free}", PALETTE[0], now.nothing()) for free in count(now.next_id))
     after = replace(now, objects=tuple(kept), active=len(kept), last="find objects")
-    for part, mask in zip(chain(blank, new), further, strict=False):
+    for part, found_rows in zip(chain(blank, new), further, strict=False):
+        mask = mask_of_rows(found_rows, len(document.scene))
         rows = Rows.of(mask, "found")
         marked = part.marked((rows,), now.applied(now.nothing(), (rows,)))
         marked = replace(marked, colour=after.contrasting_colour(mask), hidden=False)

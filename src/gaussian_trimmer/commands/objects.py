@@ -23,7 +23,6 @@ from gaussian_trimmer.finding.saving import FOUND_FILES, write_found
 from gaussian_trimmer.io.manifest import is_made_of
 from gaussian_trimmer.io.writing import atomic_folder, safe_file_name
 from gaussian_trimmer.parser import PROGRAM, Parser
-from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.trim_arguments import add_scene, add_trimming
 from gaussian_trimmer.trimming.up_vector import UpVector, find_up
 
@@ -109,16 +108,16 @@ def run(arguments: Namespace) -> int:
     keep = arguments.keep or None
     chosen = chosen_objects(found, keep=keep, merge=merge, split=arguments.split_objects, names=names)
     numbered = all(name.isdigit() for name in chosen)  # then objects keep their numbers
-    selections = {int(name) if numbered else name: Selection(mask) for name, mask in chosen.items()}
+    objects = {int(name) if numbered else name: rows for name, rows in chosen.items()}
     labels = None if edited else folder / "objects.npy"
 
     def command(up: Any) -> list[str]:
         if labels is None:  # what was merged, split or named is in no file
             return words_again("objects", arguments)
-        return words_again("trim", arguments, labels=labels, objects=tuple(selections), up=up)
+        return words_again("trim", arguments, labels=labels, objects=tuple(objects), up=up)
 
     return trim_into(
-        arguments.trim, arguments, console, lambda: (scene, cameras, selections, up), command=command,
+        arguments.trim, arguments, console, lambda: (scene, cameras, objects, up, None), command=command,
         files=[scene_file], inputs={"scene": scene_file, "labels": labels, "cameras": arguments.cameras},
         overwrite=arguments.overwrite,
     )  # fmt: skip

@@ -107,7 +107,7 @@ def run(arguments: Namespace) -> int:
             inputs={"scene": arguments.scene, "selection": path, "cameras": arguments.cameras}, source=path,
             overwrite=arguments.overwrite or is_made_of(folder, path),
         )  # fmt: skip
-    scene, _, selections, _ = _select(arguments, path, console)
+    scene, _, selections, *_ = _select(arguments, path, console)
     selection = selections[THE_OBJECT]
     console.print(f"Now: {shlex.join([PROGRAM, *_next_words(arguments, path, selection.marks)])}")
     counts = {"selected": int(np.count_nonzero(selection.mask)), "scene": len(scene)}
@@ -124,7 +124,7 @@ def _select(arguments: Namespace, path: Path, console: Console) -> Selected:
             raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
         save_array(labels, path)
         console.print(f"{path}: {np.count_nonzero(labels):,} of {len(scene):,} Gaussians, {n_masks} masks")
-        return scene, cameras, {THE_OBJECT: Selection(labels != 0)}, None
+        return scene, cameras, {THE_OBJECT: Selection(labels != 0)}, None, None
     up = find_up(scene, cameras, arguments.up)
     print_up(console, up)
     made = select(scene, _resolved(arguments, scene, cameras, up), cameras=cameras)
@@ -133,7 +133,7 @@ def _select(arguments: Namespace, path: Path, console: Console) -> Selected:
     size, understood = in_lengths(np.ptp(ends, axis=0)), ", ".join(made.interpretations)
     count = f"{np.count_nonzero(made.mask):,} of {len(scene):,} Gaussians"
     console.print(f"{path}: {count}, {size}, {understood}")
-    return scene, cameras, {THE_OBJECT: made}, up
+    return scene, cameras, {THE_OBJECT: made}, up, None
 
 
 def _resolved(arguments: Namespace, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Marks:

@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 
 from gaussian_trimmer import formats
@@ -30,7 +29,7 @@ from gaussian_trimmer.commands.trim_run import (
 )
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.formats.identify import identify
-from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
 from gaussian_trimmer.io.reading import read_json
 from gaussian_trimmer.parser import PROGRAM, Parser
 from gaussian_trimmer.selecting.lifting import lift_id_masks
@@ -186,21 +185,21 @@ def check(arguments: Namespace) -> None:
 def _read(arguments: Namespace, console: Console, read: ReadScene) -> Selected:
     """Return the scene and what is selected in it, without what --exclude names."""
     scene, cameras = read_scene(arguments, console, read)
-    if arguments.labels is None:
-        selections: dict[Any, Selection] = {THE_OBJECT: _selected(arguments, scene, cameras, console)}
-    else:
-        found = _labelled(arguments, scene, cameras)
-        selections = {number: Selection(mask) for number, mask in found.items()}
-    left, others = {}, np.zeros(len(scene), np.bool_)
+    others = np.zeros(len(scene), np.bool_)
     for path in arguments.exclude:
         others |= _rows_of(path, scene)
-    for number, selection in selections.items():
-        mask, removed = selection.mask & ~others, selection.excluded
+    lost = "Nothing is left of {}, since --exclude takes all of it; leave a file out."
+    if arguments.labels is None:
+        selection = _selected(arguments, scene, cameras, console)
+        mask = selection.mask & ~others
         if not mask.any():
-            what = "the selection" if arguments.labels is None else f"object {number}"
-            raise InputError(f"Nothing is left of {what}, since --exclude takes all of it; leave a file out.")
-        left[number] = replace(selection, mask=mask, excluded=others if removed is None else others | removed)
-    return scene, cameras, left, None
+            raise InputError(lost.format("the selection"))
+        return scene, cameras, {THE_OBJECT: replace(selection, mask=mask)}, None, others
+    labels = _labelled(arguments, scene, cameras)
+    left = np.where(others, 0, labels)
+    for number in np.setdiff1d(labels, left):
+        raise InputError(lost.format(f"object {number}"))
+    return scene, cameras, left, None, others
 
 
 def _selected(arguments: Namespace, scene: Gaussians, cameras: CameraSet | None, console: Console) -> Selection:
@@ -220,17 +219,16 @@ def _selected(arguments: Namespace, scene: Gaussians, cameras: CameraSet | None,
     )
 
 
-def _labelled(arguments: Namespace, scene: Gaussians, cameras: CameraSet | None) -> dict[int, BoolArray]:
-    """Return the objects of --labels, as masks (N,) by their ids."""
+def _labelled(arguments: Namespace, scene: Gaussians, cameras: CameraSet | None) -> IntArray:
+    """Return the id of each Gaussian's object by --labels, 0 for none, (N,)."""
     path, wanted = arguments.labels, arguments.objects
     if not path.is_dir():
-        labels: NDArray[Any] = load_objects(path, scene, wanted, selection_options_of(arguments))
-    else:
-        labels, _ = lift_id_masks(scene, cameras, path)
+        return load_objects(path, scene, wanted, selection_options_of(arguments))
+    labels, _ = lift_id_masks(scene, cameras, path)
     present = [int(number) for number in np.unique(labels) if number > 0]
     if absent := sorted(set(wanted) - set(present)):
         raise InputError(f"The masks in '{path}' show no object {absent[0]}; they show {present[:24]}.")
-    return {number: np.asarray(labels == number) for number in (wanted or present)}
+    return np.where(np.isin(labels, wanted or present), labels, 0)
 
 
 def files_of(arguments: Namespace) -> Iterator[Path]:

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 
 from gaussian_trimmer import formats
@@ -25,7 +26,7 @@ from gaussian_trimmer.commands.console import (
 )
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
-from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.masks import draw_masks
 from gaussian_trimmer.masks.mask_files import read_masks
@@ -37,13 +38,13 @@ from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.trim_arguments import config_of, placing_of, suffix_for
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
 from gaussian_trimmer.trimming.config import TrimConfig
-from gaussian_trimmer.trimming.result import TrimResult, title_of
+from gaussian_trimmer.trimming.result import THE_OBJECT, TrimResult, title_of
 from gaussian_trimmer.trimming.trim import trim_objects
 from gaussian_trimmer.trimming.up_vector import UpVector
 
-Selected = tuple[Gaussians, CameraSet | None, Mapping[Any, Selection], UpVector | None]
-"""What a trim begins with: scene, cameras, selections by the objects' ids or names, and the up vector of the whole
-scene, if it was looked for; if it is sure, no object searches for its own."""
+Selected = tuple[Gaussians, CameraSet | None, Any, UpVector | None, BoolArray | None]
+"""What a trim begins with: scene, cameras, objects as `trim_objects` takes them, the up vector of the whole scene if it
+was looked for (if it is sure, no object searches for its own), and which Gaussians join no object, (N,)."""
 NOTHING_TRIMMED = 3
 """Exit code where the inputs could be read, but the selections were written unchanged."""
 MARKS = "selection.json"
@@ -129,15 +130,15 @@ def trim_into(
     opened = atomic_folder(folder, RESULTS, names=names, inputs=files, source=source, overwrite=overwrite)
     with opened as part, progress_over_stages(console) as stage:
         stage("read")
-        scene, cameras, selections, up = read()
-        marks = next(iter(selections.values())).marks
+        scene, cameras, objects, up, excluded = read()
+        one = objects.get(THE_OBJECT) if isinstance(objects, Mapping) else None
+        marks = one.marks if isinstance(one, Selection) else None
         clicked = marks is not None and all(isinstance(mark, Click) for mark in marks.marks)
-        if source is not None and not clicked:  # a click means what is seen there, also if that is all
-            for selection in selections.values():
-                refuse_whole_scene(selection.mask, source, str(arguments.scene))
+        if isinstance(one, Selection) and source and not clicked:  # a click means what is seen there, also if it is all
+            refuse_whole_scene(one.mask, source, str(arguments.scene))
         seconds = {"read": time.perf_counter() - start}
         config = _with_up(config_of(arguments), up)
-        result = _trim(arguments, config, scene, cameras, selections, stage, console)
+        result = _trim(arguments, config, scene, cameras, objects, excluded, stage, console)
         stage("write")
         named = {name: str(value) if isinstance(value, Path) else value for name, value in inputs.items()}
         report = describe(result, named, seconds, suffix) | {"command": command(config.up)}
@@ -176,16 +177,21 @@ def _trim(
     config: TrimConfig,
     scene: Gaussians,
     cameras: CameraSet | None,
-    selections: Mapping[Any, Selection],
+    objects: Any,
+    excluded: BoolArray | None,
     stage: Callable[[str], None],
     console: Console,
 ) -> TrimResult:
     announce_compiling(console)
     folder, sam, paper = getattr(arguments, "own_masks", None), arguments.sam, arguments.preset == "paper"
     masks = None if folder is None else read_masks(folder, cameras)
-    if len(selections) > 1 and (sam is not None or paper):
+    labels = isinstance(objects, np.ndarray)
+    number = len(np.unique(objects[objects > 0])) if labels else len(objects)
+    if number > 1 and (sam is not None or paper):
         raise InputError("--sam and --preset paper are for one object; trim the objects one by one.")
-    if masks is None and len(selections) == 1:
-        (selection,) = selections.values()
-        masks = draw_masks(scene, selection, sam=sam, paper=paper, progress=stage, config=config, cameras=cameras)
-    return trim_objects(scene, selections, config=config, masks=masks, cameras=cameras, progress=stage)
+    if masks is None and number == 1:
+        selection = objects > 0 if labels else next(iter(objects.values()))
+        masks = draw_masks(
+            scene, selection, sam=sam, paper=paper, progress=stage, config=config, cameras=cameras, excluded=excluded
+        )
+    return trim_objects(scene, objects, config=config, masks=masks, cameras=cameras, excluded=excluded, progress=stage)

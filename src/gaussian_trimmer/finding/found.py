@@ -9,7 +9,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Point, Viewpoint
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray, mask_of_rows
 from gaussian_trimmer.surface.regions import split_region
 from gaussian_trimmer.surface.visible_surface import VisibleSurface, find_visible_surface, views_of, with_hidden
 from gaussian_trimmer.trimming.up_vector import UpVector
@@ -101,13 +101,15 @@ class FoundObjects:
             raise InputError(f"There is no object {number}; there are {len(self.objects)}, numbered from 1.")
         return np.asarray(self.labels == number)
 
-    def selections(self, *, unsure: bool = False) -> dict[int, BoolArray]:
-        """Return the rough selections (N,) of the objects by their numbers, as `trim_objects` takes them.
+    def selections(self, *, unsure: bool = False) -> dict[int, IntArray]:
+        """Return the rows of the objects, ascending, by their numbers, as `trim_objects` takes them.
 
         Args:
             unsure: with the objects that the program is not sure of.
         """
-        return {found.id: self.mask(found.id) for found in self.objects if found.sure or unsure}
+        rows = np.argsort(self.labels, kind="stable")
+        ends = np.searchsorted(self.labels[rows], np.arange(len(self.objects) + 2))
+        return {one.id: rows[ends[one.id] : ends[one.id + 1]] for one in self.objects if one.sure or unsure}
 
 
 def chosen_objects(
@@ -117,8 +119,8 @@ def chosen_objects(
     merge: Iterable[Sequence[int]] = (),
     split: Iterable[int] = (),
     names: Mapping[int, str] | None = None,
-) -> dict[str, BoolArray]:
-    """Return rough selections (N,) of the objects that are wanted, by their names, as `trim_objects` takes them.
+) -> dict[str, IntArray]:
+    """Return the rows, ascending, of the objects that are wanted, by their names, as `trim_objects` takes them.
 
     Args:
         found: the objects.
@@ -130,20 +132,22 @@ def chosen_objects(
     Raises:
         InputError: a number is none of an object, or two objects have the same name, or none is left.
     """
-    names = names or {}
+    names, merge = names or {}, list(merge)
     kept = list(keep) if keep is not None else [one.id for one in found if one.sure and one.kind == "object"]
-    masks = {number: found.mask(number) for number in kept}
+    rows = found.selections(unsure=True)
+    if unknown := sorted({*kept, *(number for group in merge for number in group)} - rows.keys()):
+        raise InputError(f"There is no object {unknown[0]}; there are {len(found)}, numbered from 1.")
+    wanted = {number: rows[number] for number in kept}
     for group in merge:
-        together = np.any([found.mask(number) for number in group], axis=0)
-        first = next((number for number in group if number in masks), group[0])
+        first = next((number for number in group if number in wanted), group[0])
         for number in group:
-            masks.pop(number, None)
-        masks[first] = together
-    selections: dict[str, BoolArray] = {}
+            wanted.pop(number, None)
+        wanted[first] = np.unique(np.concatenate([rows[number] for number in group]))
+    selections: dict[str, IntArray] = {}
     several = set(split)
-    for number in sorted(masks):
-        name, mask = names.get(number, str(number)), masks[number]
-        parts = _parts(found, mask) if number in several else [mask]
+    for number in sorted(wanted):
+        name = names.get(number, str(number))
+        parts = _parts(found, wanted[number]) if number in several else [wanted[number]]
         if number in several and len(parts) == 1:
             raise InputError(f"Object {number} does not fall apart; select its parts by clicks or boxes: select SCENE.")
         for place, part in enumerate(parts):
@@ -156,15 +160,15 @@ def chosen_objects(
     return selections
 
 
-def _parts(found: FoundObjects, mask: BoolArray) -> list[BoolArray]:
-    """Return the main parts of an object, (N,) each; an object of a large capture is looked at by itself for that."""
-    surface, scene, rows = found.surface, found.scene, np.arange(len(mask))
-    if surface is None:
-        rows = np.flatnonzero(mask)
-        scene = found.scene.select(rows)
-        up = found.up.direction
+def _parts(found: FoundObjects, rows: IntArray) -> list[IntArray]:
+    """Return rows of an object's main parts; an object of a large capture is looked at by itself for that."""
+    surface, mask = found.surface, mask_of_rows(rows, len(found.scene))
+    if surface is not None:
+        numbers: IntArray = split_region(surface, mask[surface.rows])
+        labels = with_hidden(surface, numbers + 1, np.inf, np.arange(len(mask)))[rows]
+    else:
+        scene, up = found.scene.select(rows), found.up.direction
         surface = find_visible_surface(scene, views_of(scene, None, up), up)
-    numbers: IntArray = split_region(surface, mask[rows[surface.rows]])
-    labels = np.zeros(len(mask), np.int64)
-    labels[rows] = with_hidden(surface, numbers + 1, np.inf, np.arange(len(scene)))
-    return [mask & (labels == number) for number in range(1, int(numbers.max()) + 2)]
+        numbers = split_region(surface, np.ones(len(surface.rows), np.bool_))
+        labels = with_hidden(surface, numbers + 1, np.inf, np.arange(len(scene)))
+    return [rows[labels == number] for number in range(1, int(numbers.max()) + 2)]

@@ -56,8 +56,8 @@ class Setup:
     """What speaks against it."""
 
 
-def mask_of_selection(selection: ArrayLike, n: int) -> BoolArray:
-    """Return a selection as a mask of n Gaussians (N,), a new array.
+def rows_of_selection(selection: ArrayLike, n: int) -> IntArray:
+    """Return the rows, ascending, that a selection of n Gaussians means.
 
     Booleans (N,) are taken as they are. N whole numbers that are all 0 or 1, or all 0 or 255, are a mask too. Any other
     whole numbers are row numbers, from 0, in any order, each once.
@@ -75,20 +75,20 @@ def mask_of_selection(selection: ArrayLike, n: int) -> BoolArray:
     except (TypeError, ValueError, RuntimeError) as error:  # ragged lists, arrays on a device
         raise InputError(f"The selection is a {type(selection).__name__} that NumPy cannot read ({error}).") from error
     if values.dtype == np.bool_ and values.shape == (n,):
-        mask = values.copy()
+        rows = np.flatnonzero(values)
     elif values.dtype.kind in "iu" and values.ndim == 1 and values.size:
-        mask = _mask_of_integers(values, n)
+        rows = _rows_of_integers(values, n)
     elif values.size:
         raise InputError(
             f"The selection has shape {values.shape} and type {values.dtype}; {n} booleans are needed (such as "
             f"'scores > 0.5'), {n} whole numbers that are 0 and 1 or 0 and 255, or row numbers."
         )
-    if not values.size or not mask.any():
+    if not values.size or not len(rows):
         raise InputError("The selection is empty: no Gaussian of the scene belongs to the object.")
-    return mask
+    return rows
 
 
-def _mask_of_integers(values: NDArray[Any], n: int) -> BoolArray:
+def _rows_of_integers(values: NDArray[Any], n: int) -> IntArray:
     lowest, highest = int(values.min()), int(values.max())
     is_mask = len(values) == n and bool(np.isin(values, (0, 255 if highest == 255 else 1)).all())
     rows, times = np.unique(values, return_counts=True)
@@ -101,7 +101,7 @@ def _mask_of_integers(values: NDArray[Any], n: int) -> BoolArray:
             f"numbers that are 0 and 1 or 0 and 255, row numbers are from 0 to {n - 1}, each once{twice}. Give "
             "booleans, such as 'labels == 3'."
         )
-    return np.asarray(values != 0) if is_mask else np.isin(np.arange(n), values)
+    return np.flatnonzero(values) if is_mask else rows.astype(np.int64)
 
 
 def refuse_whole_scene(selection: BoolArray, path: Path | str, scene: Path | str) -> None:
@@ -141,7 +141,7 @@ def rough_objects(objects: Any, n: int) -> list[RoughObject]:
         RoughObject(
             int(key) if numbered else place,
             str(key),
-            np.flatnonzero(mask_of_selection(selection, n)),
+            rows_of_selection(selection, n),
             mask_of_excluded(getattr(selection, "excluded", None), n),
             getattr(selection, "cuts", ()),
         )
