@@ -288,7 +288,9 @@ def _other_readers() -> dict[str, Reader]:
         "marks": Reader([{"a.json": json.dumps(marks).encode()}], read_marks),
         "project": Reader([{"a.project.json": _project()}], _read_project),
         "results": Reader([_results()], _read_results),
-        "manifest.csv": Reader([{"a.csv": rows.encode()}], lambda path: read_manifest(path, [], lambda words: "a")),
+        "manifest.csv": Reader(
+            [{"a.csv": rows.encode()}], lambda path: read_manifest(path, lambda words: ("a", words))
+        ),
     }
 
 
