@@ -73,16 +73,8 @@ def test_json_is_all_that_services_see(ball, tmp_path, capsys, monkeypatch):
     several = ["trim", folder / "scene.ply", "--labels", tmp_path / "labels.npy", "--up", "z", *SMALL, "--json"]
     assert run(*several, "--output", tmp_path / "several") == 0
     assert [each["name"] for each in json.loads(capsys.readouterr().out)["objects"]] == ["1"]
-    selecting = [
-        "select",
-        folder / "scene.ply",
-        "--add",
-        folder / "rough.npy",
-        "--output",
-        tmp_path / "a.npy",
-        "--json",
-    ]
-    assert run(*selecting) == 0
+    selecting = ["select", folder / "scene.ply", "--add", folder / "rough.npy", "--json"]
+    assert run(*selecting, "--output", tmp_path / "a.npy") == 0
     told = json.loads(capsys.readouterr().out)
     assert told["counts"] == {"selected": int(np.load(tmp_path / "a.npy").sum()), "scene": len(scene)}
     assert run(*command, "--output", tmp_path / "out") == 2  # the folder is not empty
@@ -126,8 +118,6 @@ def test_selection_options_choose_among_several_objects(ball, tmp_path):
     assert run(*command, "--set", "selection.object-id=3") == 0
     report = report_of(tmp_path / "out")
     assert report["objects"][0]["counts"]["selected"] == np.count_nonzero(rough)
-    assert report["inputs"]["selection_options"]["object_id"] == [3]
-    assert report["counts"]["selected"] == np.count_nonzero(rough)
     assert "selection.object-id=3" in report["command"]
 
 

@@ -10,11 +10,13 @@ from typing import Annotated, Any
 from gaussian_trimmer import formats
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.output.engines import EngineName, Origin, PlacingOptions
-from gaussian_trimmer.output.saving import suffix_of
 from gaussian_trimmer.parser import UP, Parser, choice_of
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import Range, hints_of, with_settings
-from gaussian_trimmer.trimming.config import PlanConfig, TrimConfig, paper_config
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:  # readers and converters need no trimmer
+    from gaussian_trimmer.trimming.config import TrimConfig
 
 LEVEL = "Level of detail of a streamed SOG, 0 is the finest; by default the finest that memory allows"
 TRUST = "Open pictures that a transforms.json names outside its folder, if it does not say their size"
@@ -39,6 +41,8 @@ def add_reading(group: Any) -> None:
 
 def add_stages(group: Any, parser: Parser, *, rare: bool = False) -> None:
     """Add preset, number of views, and every setting of the stages of a trim."""
+    from gaussian_trimmer.trimming.config import PlanConfig, TrimConfig
+
     preset = "Defaults of all settings: this program's, or the GaussianTrimmer paper's"
     group.add_argument("--preset", kind=choice_of(("default", "paper")), default="default", help=preset, rare=rare)
     views = "Number of virtual views, usually 5"
@@ -48,6 +52,8 @@ def add_stages(group: Any, parser: Parser, *, rare: bool = False) -> None:
 
 def add_method(parser: Parser, *, rare: bool = False) -> None:
     """Add how an object is trimmed."""
+    from gaussian_trimmer.trimming.config import TrimConfig
+
     group, config = parser.add_argument_group("how to trim"), hints_of(TrimConfig)
     add_stages(group, parser, rare=rare)
     sam = "Folder of a SAM or SAM 2 that draws the object's masks in the views"
@@ -82,6 +88,8 @@ def add_placing(group: Any, engine: str, rare: bool = False) -> None:
 
 def config_of(arguments: Namespace) -> TrimConfig:
     """Return the settings of all stages."""
+    from gaussian_trimmer.trimming.config import TrimConfig, paper_config
+
     config = paper_config() if arguments.preset == "paper" else TrimConfig()
     config = with_settings(config, arguments.settings)
     if arguments.views is not None:
@@ -106,6 +114,8 @@ def suffix_for(arguments: Namespace) -> str:
     Raises:
         InputError: no format has the name that is given, or a folder holds no scene.
     """
+    from gaussian_trimmer.output.saving import suffix_of
+
     if arguments.format is None:
         return formats.written_suffix(identify(arguments.scene).scene)
     return suffix_of(arguments.format)

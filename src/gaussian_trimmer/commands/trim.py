@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands import parser_of
 from gaussian_trimmer.commands.console import console_of
@@ -87,12 +86,12 @@ def add_arguments(parser: Parser) -> None:
     group.add_argument("--config", dest="config_file", kind=Path, metavar="FILE", help=again)
 
 
-def run(arguments: Namespace, read: ReadScene = formats.read, note: Mapping[str, Any] = MappingProxyType({})) -> int:
+def run(arguments: Namespace, read: ReadScene | None = None, note: Mapping[str, Any] = MappingProxyType({})) -> int:
     """Trim and write the results; return the exit code, 3 where nothing was trimmed.
 
     Args:
         arguments: of the command.
-        read: reads the scene.
+        read: reads the scene, in place of `formats.read`.
         note: what the report says among the inputs beside them.
 
     Raises:
@@ -182,7 +181,7 @@ def check(arguments: Namespace) -> None:
         raise InputError("--masks is for one object; give --labels a folder of masks whose pixels are ids.")
 
 
-def _read(arguments: Namespace, console: Console, read: ReadScene) -> Selected:
+def _read(arguments: Namespace, console: Console, read: ReadScene | None) -> Selected:
     """Return the scene and what is selected in it, without what --exclude names."""
     scene, cameras = read_scene(arguments, console, read)
     others = np.zeros(len(scene), np.bool_)

@@ -74,7 +74,7 @@ def scene_name(scene: Path) -> str:
 
 
 def read_scene(
-    arguments: Namespace, console: Console, read: Callable[..., Gaussians] = formats.read
+    arguments: Namespace, console: Console, read: Callable[..., Gaussians] | None = None
 ) -> tuple[Gaussians, CameraSet | None]:
     """Return the Gaussians and, in their coordinates, the cameras if they are given; what is read is said.
 
@@ -85,7 +85,7 @@ def read_scene(
     if arguments.cameras is not None:  # first, since wrong ones are soon found
         found, trusted = identify(arguments.scene).scene, arguments.trust_paths
         cameras = read_cameras_of(found, arguments.cameras, trust_paths=trusted, say=console.print)
-    return read(arguments.scene, level=arguments.level, say=console.print), cameras
+    return (read or formats.read)(arguments.scene, level=arguments.level, say=console.print), cameras
 
 
 def words_again(command: str, arguments: Namespace, **changes: Any) -> list[str]:
