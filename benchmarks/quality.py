@@ -1,6 +1,6 @@
 """How good are the trims? Every scene x object x kind of rough selection, before and after, against ground truth.
 
-    python benchmarks/quality.py [ROOT] [--variants default no-vote paper ...] [--without-cameras] [--output DIR]
+    python benchmarks/quality.py [ROOT] [--variants default no-recover paper ...] [--without-cameras] [--output DIR]
 
 ROOT holds benchmark scenes (see benchmark_scenes.py), or is one; without it, those that come with the repository are
 measured. Every table has both rules of occlusion: the object alone, and its share of the whole scene. Where there are

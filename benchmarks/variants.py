@@ -14,8 +14,8 @@ from gaussian_trimmer.trimming.config import SplitConfig, TrimConfig, paper_conf
 
 VIEW_COUNTS = (1, 2, 3, 5, 7, 10)
 """Numbers of virtual views that the paper compares."""
-LABELS_ALONE, NEVER = 1000.0, 1e6
-"""Weight of labels beside which the views' votes do not count; blend weight that no Gaussian has."""
+NEVER = 1e6
+"""Blend weight that no Gaussian has."""
 REAL_VIEWS = 5
 """Training cameras that stand in for virtual ones where these are ablated."""
 
@@ -39,7 +39,6 @@ def stages(base: TrimConfig) -> dict[str, TrimConfig]:
         "no-plane-rule": replace(base, label_crf=replace(labels, support_plane=plane)),
         "no-colour-model": replace(base, label_crf=replace(labels, colour=0.0)),
         "no-interior-trust": replace(base, label_crf=replace(labels, interior_trust=0.0)),
-        "no-vote": replace(base, evidence=replace(evidence, prior=LABELS_ALONE)),
         "no-recover": replace(base, evidence=replace(evidence, recover=False)),
         "no-in-place": replace(base, evidence=replace(evidence, min_in_place=0.0)),
         "no-cuts": replace(base, refinement=replace(base.refinement, cut_above=NEVER)),

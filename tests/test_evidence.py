@@ -7,7 +7,8 @@ import pytest
 from toy import ball_on_floor, eroded, jaccard, object_rows, one_thread, small_config
 
 from gaussian_trimmer.trimming.config import PlanConfig, SplitConfig
-from gaussian_trimmer.trimming.evidence import EvidenceConfig, classify_gaussians
+from gaussian_trimmer.trimming.evidence import EvidenceConfig
+from gaussian_trimmer.trimming.paper import classify_gaussians
 from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
 
@@ -22,9 +23,8 @@ COARSE, OTHER = True, False
         (6, 4, 0.8, COARSE, {}, True),
         (6, 4, 0.3, COARSE, {}, False),  # 0.1 by the masks, -0.2 by the label
         (6, 4, 0.3, COARSE, {"prior": 0.2}, True),
-        (4, 6, 1.0, OTHER, {}, False),  # what joins must be shown inside, however sure its label is
         (6, 4, 0.9, OTHER, {}, True),
-        (6, 4, 0.7, OTHER, {}, False),
+        (6, 4, 0.3, OTHER, {}, False),
         (6, 4, 0.9, OTHER, {"recover": False}, False),
         (4, 6, 0.7, COARSE, {"recover": False}, True),
         (6, 4, 0.0, COARSE, {"prior": 0.0}, True),  # the masks alone
@@ -33,10 +33,6 @@ COARSE, OTHER = True, False
         (0, 0, 0.1, COARSE, {}, False),
         (0, 5e-4, 0.9, COARSE, {}, True),  # next to nothing is nothing
         (0, 0, 0.9, OTHER, {"recover": False}, False),
-        (10, 0, 0.25, OTHER, {}, False),  # seen through the object: the masks want it, its label does not
-        (10, 0, 0.25, COARSE, {}, True),  # the limit is for those that join
-        (10, 0, 0.25, OTHER, {"recover_limit": 0.2}, True),
-        (10, 0, 0.35, OTHER, {}, True),
     ],
 )
 def test_judgement(inside, outside, probability, coarse, config, kept):
@@ -57,15 +53,6 @@ def test_without_recovery_nothing_is_added_and_otherwise_nothing_changes(prior):
     bound = classify_gaussians(weights, probability, coarse, EvidenceConfig(prior=prior, recover=False))
     assert (free & ~coarse).any()
     np.testing.assert_array_equal(bound, free & coarse)
-
-
-@pytest.mark.parametrize("limit", [0.1, 0.3, 0.6])
-def test_nothing_joins_below_the_limit_and_the_selection_does_not_feel_it(limit):
-    weights, probability, coarse = some_evidence()
-    free = classify_gaussians(weights, probability, coarse, EvidenceConfig(recover_limit=0.0))
-    kept = classify_gaussians(weights, probability, coarse, EvidenceConfig(recover_limit=limit))
-    assert (free & ~kept).any()
-    np.testing.assert_array_equal(kept, free & (coarse | (probability > limit)))
 
 
 def test_more_weight_inside_or_a_likelier_label_never_prunes():
@@ -99,12 +86,6 @@ def test_what_is_only_seen_through_the_object_is_not_recovered(n_ball, seed, vie
     result = trimmed(truth, n_ball, seed, views)
     assert result.count(RowLabel.ADDED) == 0
     assert jaccard(object_rows(result), truth) >= 0.98
-
-
-@pytest.mark.parametrize(("n_ball", "seed", "views"), THROUGH_GAPS)
-def test_without_a_limit_it_is_recovered(n_ball, seed, views):
-    truth = sparse_ball(n_ball, seed)[1]
-    assert trimmed(truth, n_ball, seed, views, recover_limit=0.0).count(RowLabel.ADDED) > 0
 
 
 @pytest.mark.parametrize("n_ball", [100, 200, 300])

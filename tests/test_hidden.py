@@ -11,7 +11,6 @@ from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.output.saving import save
 from gaussian_trimmer.rendering import render
-from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
@@ -91,23 +90,19 @@ def test_every_row_is_in_the_object_in_the_background_or_discarded(mode, tmp_pat
     np.testing.assert_array_equal(stored.before, truth)
 
 
-def test_fragments_of_the_object_join_it():
-    fragments = np.flatnonzero(TRUTH)[:3]
-    scene = SCENE.replace(sh_dc=SCENE.sh_dc.copy())
-    holes = scene.means[fragments]
-    result = toy.trim_by(lambda view: silhouette_with_holes(view, holes), scene, TRUTH, config=CONFIG)
-    assert result.object_mask[fragments].all()
-    assert result.count(RowLabel.REMOVED) == 0
-
-
-def silhouette_with_holes(view, points):
-    """A silhouette with a hole of a few pixels around each of some points."""
-    mask, (pixels, depths) = view.silhouette.copy(), view.camera.project(points)
-    for (x, y), depth in zip(pixels, depths, strict=True):
-        row, column = int(y), int(x)
-        if view.depth[row, column] > depth - 0.2:
-            mask[row - 4 : row + 5, column - 4 : column + 5] = False
-    return mask
+@pytest.mark.parametrize("scene_and_truth", [INSIDE, BELOW, BESIDE], ids=["inside", "below", "beside"])
+def test_the_scene_without_it_never_changes_the_object(scene_and_truth):
+    """Whatever is made of the scene without it, the object and every label are the same, byte for byte."""
+    scene, truth = scene_and_truth
+    exact, *others = (
+        trim(scene, toy.eroded(scene, truth), config=replace(CONFIG, background=mode))
+        for mode in ("exact", "clean", "filled")
+    )
+    assert np.count_nonzero(exact.object_mask & truth) > 0
+    for other in others:
+        np.testing.assert_array_equal(other.labels, exact.labels)
+        for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"):
+            np.testing.assert_array_equal(getattr(other.object, name), getattr(exact.object, name), err_msg=name)
 
 
 def test_a_trim_that_is_refused_leaves_the_background_as_it_is():

@@ -89,8 +89,7 @@ def test_a_selection_that_is_refused_is_returned_as_it_was_whatever_the_way():
     check_same(gt.trim_objects(SCENE, [ROUGH], config=config, masks=masks), expected)
 
 
-def test_fragments_join_the_object_that_they_hang_on_and_never_two():
-    """Two objects far apart are each as if they were alone, fragments and all; no Gaussian is in both."""
+def test_objects_far_apart_are_each_as_if_they_were_alone():
     shift = np.float32([2.4, 0, 0])
     scene, *truths = toy.two_balls(shift)
     config = toy.small_config(background="clean")

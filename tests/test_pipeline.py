@@ -99,7 +99,7 @@ def test_split_gaussians_have_their_parts_on_both_sides(rule):
 def test_the_report_of_a_run():
     stages = []
     result = trim(SCENE, TRUTH, config=small_config(split=WHOLE), progress=stages.append)
-    assert {"plan", "render", "segment", "weigh"} <= set(stages) == set(result.seconds)
+    assert {"plan", "render", "correct", "prune"} <= set(stages) == set(result.seconds)
     assert not any(view.judged for view in result.objects[0].views)
     assert len(result.objects[0].views) == 5
     np.testing.assert_array_equal(result.objects[0].up.direction, UP)

@@ -26,7 +26,7 @@ def test_the_order_of_rows_changes_nothing():
     plain, rows = removed(), np.random.default_rng(1).permutation(len(SCENE))
     permuted = removed(rows)
     assert len(plain.inpainted) > 100
-    for name in ("occluded_interior", "fragments_of_object", "replaced"):
+    for name in ("discarded", "replaced"):
         np.testing.assert_array_equal(getattr(permuted, name), getattr(plain, name)[rows], err_msg=name)
     np.testing.assert_allclose(permuted.relight_factor, plain.relight_factor[rows], atol=1e-3)
     np.testing.assert_allclose(permuted.inpainted.means, plain.inpainted.means, atol=1e-4)
@@ -37,7 +37,7 @@ def test_the_order_of_rows_changes_nothing():
 def test_what_is_made_up_turns_with_the_scene(turn):
     rotation = toy.any_rotation(turn)
     plain, turned = removed(), removed(rotation=rotation)
-    for name in ("occluded_interior", "fragments_of_object", "replaced"):
+    for name in ("discarded", "replaced"):
         assert np.count_nonzero(getattr(plain, name) != getattr(turned, name)) <= 2, name
     assert len(turned.inpainted) == pytest.approx(len(plain.inpainted), rel=0.01)
     np.testing.assert_allclose(

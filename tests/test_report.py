@@ -60,7 +60,7 @@ def test_report_says_how_it_came_about(trimmed, written):
     assert entry["refused"] is None
     assert (entry["id"], entry["name"], entry["file"]) == (1, "object", "object.ply")
     assert report["seconds"]["read"] == 0.25
-    assert set(report["seconds"]) > {"plan", "render", "segment", "weigh", "split"}
+    assert set(report["seconds"]) > {"plan", "render", "correct", "segment", "prune"}
     assert len(entry["views"]) == 5
     for listed, view in zip(entry["views"], trimmed.objects[0].views, strict=True):
         assert listed["accepted"] == (not view.rejected)

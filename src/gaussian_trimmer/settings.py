@@ -65,9 +65,9 @@ def check_settings(settings: Any, prefix: str = "") -> None:
         InputError: a setting is not possible.
 
     >>> from gaussian_trimmer.trimming.evidence import EvidenceConfig
-    >>> check_settings(EvidenceConfig(recover_limit=float("nan")), "evidence")
+    >>> check_settings(EvidenceConfig(min_in_place=float("nan")), "evidence")
     Traceback (most recent call last):
-    gaussian_trimmer.errors.InputError: evidence.recover-limit is nan; it must be a number from 0 to 1.
+    gaussian_trimmer.errors.InputError: evidence.min-in-place is nan; it must be a number from 0 to 1.
     """
     from_plain(settings, type(settings), prefix)
 

@@ -28,5 +28,6 @@ GONE = {
         for effect in ("", "remove-", "intersect-")
         for volume in ("box3d", "sphere", "plane")
     },
+    "--evidence.recover-limit": "Leave it out: what joins the object is seen as the object in most of what it shows.",
 }
 """Commands and options of the last release -> a sentence with the cure. An entry stays for one release."""

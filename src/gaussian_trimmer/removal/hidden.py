@@ -1,4 +1,4 @@
-"""What only the object hid: Gaussians of its interior, and fragments of its skin that the masks gave to the background.
+"""What leaves a scene with an object: what only it hid, fragments of its skin, and what only it held.
 
 Training puts Gaussians where no photograph can contradict them: inside an object and behind its skin. The object
 occludes them; in the scene without it they are a dark cloud. This occluded interior is told by three things: it shows
@@ -7,7 +7,11 @@ side and height; and it lies where the object was. Below the object, where what 
 colours that are not seen around it count.
 
 Fragments are visible pieces of the object's own skin. Nearly all that is near a fragment belongs to the object, so the
-fragment does too.
+fragment goes with it.
+
+What is above the surfaces around an object hangs together with them, or with what lies farther away. A piece that hangs
+together with nothing but the object loses its hold with it. A small one within the object's bounds is a remnant of it,
+such as the dark half of a roof that no camera saw.
 """
 
 from __future__ import annotations
@@ -16,7 +20,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray
+from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, IntArray, ellipsoid_points
+from gaussian_trimmer.geometry.components import connected_pairs
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
 from gaussian_trimmer.removal.views import RemovalViews
@@ -40,15 +45,26 @@ _FRAGMENT_SHARE = 0.8
 lies in the object's silhouettes."""
 _MAX_FRAGMENT_WEIGHT_SHARE = 0.01
 """Largest blend weight of all fragments in the scene, relative to the object's; more is not a fragment."""
-_MAX_JOINING_SHARE = 0.02
-"""Largest blend weight in the object, relative to that in the background alone, of interior that joins the object."""
+_NEIGHBOURS = 8
+_REACH_DEVIATIONS = 2.0
+"""Gaussians touch whose centres are no farther apart than so many of their largest standard deviations; none counts as
+wider than the object's median one, or haze would connect everything."""
+_LEAST_OPACITY = 0.1
+"""Fainter Gaussians hold nothing."""
+_FAR_RADII = 1.5
+"""What lies this far from the object's centre has another hold, in object radii."""
+_FEWEST_OF_A_THING = 8
+"""A piece of fewer Gaussians is a splinter."""
+_MAX_REMNANT_SHARE = 0.05
+"""Largest number of Gaussians of a remnant, relative to the object's; most of them lie whole within the object's
+bounds: one that reaches out of them, as a patch of the wall behind a picture, would show beside it."""
 
 
-def find_hidden(views: RemovalViews, surfaces: Sequence[Surface]) -> tuple[BoolArray, BoolArray, FloatArray]:
-    """Return which Gaussians only the object hid, which are fragments of it, and what shows without it, (N,) each.
+def find_hidden(views: RemovalViews, surfaces: Sequence[Surface]) -> tuple[BoolArray, FloatArray]:
+    """Return the occluded interior and fragments of an object, and what shows without it, (N,) each.
 
-    Fragments do not change how the object looks; some of the occluded interior is among them. The last array is the
-    blend weight of each Gaussian in the background alone, to be compared with that in the whole scene.
+    The last array is the blend weight of each Gaussian in the background alone, to be compared with that in the whole
+    scene.
 
     Args:
         views: the object from all sides, at several heights.
@@ -66,12 +82,7 @@ def find_hidden(views: RemovalViews, surfaces: Sequence[Surface]) -> tuple[BoolA
         if not found.any():
             break
         interior |= found
-    fragments = _find_fragments(views, interior, within & above)
-    if interior.any():
-        both = views.weigh(views.of_object | interior | fragments)
-        # What lies below would show there, where no view looks.
-        fragments |= interior & above & (both.sum(axis=1) <= _MAX_JOINING_SHARE * isolated)
-    return interior, fragments, isolated
+    return interior | _find_fragments(views, interior, within & above), isolated
 
 
 def _where_the_object_was(views: RemovalViews, surfaces: Sequence[Surface]) -> tuple[BoolArray, BoolArray]:
@@ -112,3 +123,46 @@ def _find_fragments(views: RemovalViews, interior: BoolArray, there: BoolArray) 
     rows = rows[np.argsort(total[rows], kind="stable")]
     fragments[rows[np.cumsum(total[rows]) <= _MAX_FRAGMENT_WEIGHT_SHARE * total[views.of_object].sum()]] = True
     return fragments
+
+
+def find_hanging(
+    views: RemovalViews, gone: BoolArray, surfaces: Sequence[Surface]
+) -> tuple[IntArray, BoolArray, BoolArray]:
+    """Return things that only the object holds, numbered from 1, 0 elsewhere, its remnants and splinters, (N,) each.
+
+    Args:
+        views: the object and what is around it.
+        gone: Gaussians that leave with the object, (N,).
+        surfaces: what it stands on, hangs on or leans against.
+    """
+    gaussians, bounds = views.gaussians, views.bounds
+    widths = np.exp(gaussians.largest_log_scales)
+    reach = _REACH_DEVIATIONS * np.minimum(widths, np.median(widths[views.of_object]))
+    things = np.zeros(len(gaussians), np.int64)
+    remnants, splinters = (np.zeros(len(gaussians), np.bool_) for _ in range(2))
+    rows = np.flatnonzero(~(views.removed | gone) & (gaussians.opacities >= _LEAST_OPACITY) & (widths < bounds.radius))
+    means, members = gaussians.means[rows], np.flatnonzero(views.of_object)
+    piece = _pieces(means, reach[rows])
+    held = np.linalg.norm(means - bounds.centre, axis=1) > _FAR_RADII * bounds.radius
+    held |= ~above_all(surfaces, means, THICKNESS_RADII)
+    free = np.flatnonzero(~np.isin(piece, piece[held]))
+    squared, near = nearest(gaussians.means[members], means[free], 1)
+    touching = np.sqrt(squared[:, 0]) < reach[rows[free]] + reach[members[near[:, 0]]]
+    free = free[np.isin(piece[free], piece[free[touching]])]
+    _, number, count = np.unique(piece[free], return_inverse=True, return_counts=True)
+    ends = (ellipsoid_points(gaussians.select(rows[free])) - bounds.centre) @ bounds.axes.T
+    within = (np.abs(ends) <= bounds.half_extents).all(axis=(1, 2))
+    inside = np.bincount(number, within) > 0.5 * count
+    remnant = (inside & (count <= _MAX_REMNANT_SHARE * len(members)))[number]
+    large = (count >= _FEWEST_OF_A_THING)[number] & ~remnant
+    remnants[rows[free[remnant]]] = True
+    splinters[rows[free[~large & ~remnant]]] = True
+    things[rows[free[large]]] = np.unique(number[large], return_inverse=True)[1] + 1
+    return things, remnants, splinters
+
+
+def _pieces(means: np.ndarray, reach: np.ndarray) -> IntArray:
+    """Return the number of the piece of touching Gaussians that each of some centres (N, 3) is in, (N,)."""
+    squared, near = nearest(means, means, min(_NEIGHBOURS + 1, len(means)))
+    pairs = np.column_stack([np.repeat(np.arange(len(means)), near.shape[1]), near.ravel()])
+    return connected_pairs(len(means), pairs[np.sqrt(squared.ravel()) < reach[pairs].sum(axis=1)])

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
-from gaussian_trimmer.removal.hanging import find_hanging
-from gaussian_trimmer.removal.hidden import find_hidden
+from gaussian_trimmer.removal.hidden import find_hanging, find_hidden
 from gaussian_trimmer.removal.inpainting import inpaint_surfaces
 from gaussian_trimmer.removal.surfaces import find_surfaces
 from gaussian_trimmer.removal.views import RemovalViews
@@ -21,10 +20,8 @@ NOT_SEEN = "too little of the surface around the object is visible"
 class Removal:
     """What changes when an object leaves a scene, for the N Gaussians of its views."""
 
-    occluded_interior: BoolArray
-    """Gaussians of nobody that only the object hid or held, (N,)."""
-    fragments_of_object: BoolArray
-    """Gaussians that belong to the object without changing how it looks, (N,)."""
+    discarded: BoolArray
+    """Gaussians of nobody that only the object hid or held, and fragments and remnants of it, (N,)."""
     inpainted: Gaussians
     """New Gaussians, which continue the surfaces that the object stood on or leaned against."""
     replaced: BoolArray
@@ -43,24 +40,24 @@ def remove(views: RemovalViews, *, fill: bool, with_standing: bool = False) -> R
     Args:
         views: the object from all around.
         fill: inpaint the surfaces that the object stood on or leaned against.
-        with_standing: the things that stand on the object are fragments of it.
+        with_standing: the things that stand on the object leave with it.
     """
     centres = np.array([camera.centre for camera in views.cameras])
     seen = views.visible_in_view.sum(axis=2)
     surfaces = find_surfaces(views.gaussians.means, views.removed, seen, centres, views.bounds)
-    interior, fragments, isolated = find_hidden(views, surfaces)
-    things, remnants, splinters = find_hanging(views, interior | fragments, surfaces)
-    joining = remnants | (things > 0) if with_standing else remnants
-    if joining.any():
-        larger = replace(views, of_object=views.of_object | joining, removed=views.removed | joining)
+    gone, isolated = find_hidden(views, surfaces)
+    things, remnants, splinters = find_hanging(views, gone, surfaces)
+    leaving = remnants | (things > 0) if with_standing else remnants
+    if leaving.any():
+        larger = replace(views, of_object=views.of_object | leaving, removed=views.removed | leaving)
         removal = remove(larger, fill=fill, with_standing=with_standing)
-        return replace(removal, fragments_of_object=removal.fragments_of_object | joining)
-    interior |= splinters
-    found = inpaint_surfaces(views, surfaces, interior | fragments, isolated) if fill and surfaces else None
+        return replace(removal, discarded=removal.discarded | leaving)
+    gone |= splinters
+    found = inpaint_surfaces(views, surfaces, gone, isolated) if fill and surfaces else None
     not_filled = None if found or not fill else NOT_SEEN if surfaces else NO_SURFACE
     n = len(views.gaussians)
     inpainted, replaced, factor = found or (views.gaussians.select(slice(0)), np.zeros(n, np.bool_), np.ones(n))
-    return Removal(interior, fragments, inpainted, replaced, factor, not_filled, _what_stays(things))
+    return Removal(gone, inpainted, replaced, factor, not_filled, _what_stays(things))
 
 
 def _what_stays(things: IntArray) -> tuple[str, ...]:
@@ -68,5 +65,5 @@ def _what_stays(things: IntArray) -> tuple[str, ...]:
     count = int(things.max(initial=0))
     sizes = ", ".join(f"{size:,}" for size in sorted(np.bincount(things)[1:], reverse=True))
     some = "1 thing" if count == 1 else f"{count} things"
-    cure = "--with-what-stands-on-it takes along what stands on it"
+    cure = "--with-what-stands-on-it discards it, too"
     return (f"{some} that only the object holds ({sizes} Gaussians) will hang in the air; {cure}.",) if count else ()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from gaussian_trimmer.cameras import training_cameras
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, LabelArray, concatenate
+from gaussian_trimmer.gaussians import Gaussians, IntArray, LabelArray, concatenate
 from gaussian_trimmer.removal.inpainting import scale_radiance
 from gaussian_trimmer.removal.remove import Removal
 from gaussian_trimmer.trimming.arguments import Setup
@@ -18,24 +19,19 @@ from gaussian_trimmer.trimming.result import RowLabel, TrimmedObject, TrimResult
 from gaussian_trimmer.trimming.stroke_cuts import cut_at_stroke
 
 
-def assemble_object(
-    setup: Setup, owner: LabelArray, hidden: BoolArray, decision: Decision, removal: Removal | None, number: int
-) -> tuple[TrimmedObject, Pieces]:
+def assemble_object(setup: Setup, owner: LabelArray, decision: Decision, number: int) -> tuple[TrimmedObject, Pieces]:
     """Put an object together and fit its outline; return it, and what was cut off from it.
 
     Args:
         setup: what all objects have in common.
         owner: number of the object that has each Gaussian of the scene, 0 for none, (N,).
-        hidden: what only objects hid, (N,).
         decision: what belongs to the object.
-        removal: the scene without it; None if that was not looked at.
         number: its number in `owner`.
     """
     rough, crop, not_fitted = decision.rough, decision.crop, None
     pieces, cut_off = _split(decision, setup.scene, decision.owned(owner, number))
     if decision.outline is not None and setup.config.refine == "fit":
-        others = (owner[crop.rows] != number) & ~hidden[crop.rows]
-        around = concatenate([crop.local.select(others), cut_off.gaussians])
+        around = concatenate([crop.local.select(owner[crop.rows] != number), cut_off.gaussians])
         pieces, not_fitted = refine(pieces, around, decision.outline, setup.config.refinement)
     for cut in rough.cuts:
         pieces, fallen = cut_at_stroke(pieces, cut)
@@ -55,12 +51,12 @@ def assemble_object(
         bounds=crop.bounds,
         views=decision.views,
         refused=decision.refused,
-        warnings=decision.warnings + (removal.warnings if removal else ()),
+        warnings=decision.warnings,
         floaters=len(rough.rows) - int(crop.selected.sum()) if decision.views else 0,
         lost=int(np.count_nonzero(owner[decision.rows] != number)),
         fitted=np.flatnonzero(pieces.fitted),
         not_fitted=not_fitted,
-        not_filled=removal.not_filled if removal else None,
+        not_filled=None,
         seconds=decision.seconds,
     )
     return trimmed, cut_off
@@ -83,7 +79,6 @@ def assemble_result(
     setup: Setup,
     assembled: Sequence[tuple[TrimmedObject, Pieces]],
     owner: LabelArray,
-    hidden: BoolArray,
     decisions: Sequence[Decision],
     removals: Sequence[Removal | None],
     contested: int,
@@ -95,20 +90,24 @@ def assemble_result(
         setup: what all objects have in common.
         assembled: what `assemble_object` returns for each.
         owner: number of the object that has each Gaussian of the scene, 0 for none, (N,).
-        hidden: what only objects hid, (N,).
         decisions: what belongs to each object.
         removals: the scene without each object; None for those that were left as they were.
         contested: number of Gaussians that several objects claimed.
         seconds: time taken by each stage.
     """
-    scene, (objects, cut_off) = setup.scene, zip(*assembled, strict=True)
+    scene, (trimmed, cut_off) = setup.scene, zip(*assembled, strict=True)
     outer, split = [pieces.gaussians for pieces in cut_off], [pieces.source for pieces in cut_off]
     removed = [(d.crop.rows, removal) for d, removal in zip(decisions, removals, strict=True) if removal]
-    discarded, selected, gain = hidden.copy(), np.zeros(len(scene), np.bool_), np.ones(len(scene), np.float32)
+    objects = tuple(
+        replace(part, warnings=part.warnings + removal.warnings, not_filled=removal.not_filled) if removal else part
+        for part, removal in zip(trimmed, removals, strict=True)
+    )
+    discarded, selected = np.zeros(len(scene), np.bool_), np.zeros(len(scene), np.bool_)
+    gain = np.ones(len(scene), np.float32)
     for part in objects:
         selected[part.selected_rows] = True
     for rows, removal in removed:
-        discarded[rows[removal.replaced]] = True
+        discarded[rows[removal.discarded | removal.replaced]] = True
         gain[rows] = np.maximum(gain[rows], removal.relight_factor)
     unowned = owner == 0
     discarded &= unowned

@@ -56,8 +56,8 @@ class TrimConfig:
     that it stood on, hung on or leaned against go on where it was, without its shadow; `clean`: nothing is made up, and
     holes stay; `exact`: every Gaussian that is not the object's, as it was."""
     with_what_stands_on_it: bool = False
-    """What stands on the object goes with it. By default vases stay when their table goes, in the air, and the trim
-    tells of it; nothing that anything else holds is taken along."""
+    """What stands on the object leaves the scene with it, and is in neither file. By default vases stay when their
+    table goes, in the air, and the trim tells of it; nothing that anything else holds leaves."""
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> TrimConfig:

@@ -21,8 +21,9 @@ from gaussian_trimmer.trimming.arguments import RoughObject, Setup
 from gaussian_trimmer.trimming.clock import Clock
 from gaussian_trimmer.trimming.crop import SceneCrop, SceneRenderings, complete_views, crop_scene, render_crop
 from gaussian_trimmer.trimming.diagnosis import find_wrong_input, selection_warning, up_warning
-from gaussian_trimmer.trimming.evidence import Decomposition, prune_halo, vote
+from gaussian_trimmer.trimming.evidence import Decomposition, prune
 from gaussian_trimmer.trimming.label_crf import correct_labels
+from gaussian_trimmer.trimming.paper import vote
 from gaussian_trimmer.trimming.straddlers import split_straddlers
 from gaussian_trimmer.trimming.up_vector import UpVector, find_up
 from gaussian_trimmer.views.small_views import close_up_of, views_at_heights
@@ -84,17 +85,21 @@ def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
     if refused:
         return replace(decision, refused=refused)
     accepted = [view for view in views if not view.rejected]
-    with clock("split"):  # by default nothing is cut here: the fit cuts what the vote chose
-        candidates = crop.selected | (probability > HALF)
-        parts = split_straddlers(crop.shown, candidates, accepted, config.boundary, config.split)
-    with clock("weigh"):
-        parts = vote(crop.shown, parts, crop.selected, probability, views, config.evidence)
+    if setup.masks or config.split.rule != "none":
+        with clock("split"):
+            candidates = crop.selected | (probability > HALF)
+            parts = split_straddlers(crop.shown, candidates, accepted, config.boundary, config.split)
+        with clock("weigh"):
+            parts = vote(crop.shown, parts, crop.selected, probability, views, config.evidence)
+    else:
+        may_be = np.True_ if config.evidence.recover else crop.selected
+        parts = Decomposition(may_be & (probability > HALF), np.zeros(0, np.int64))
     with clock("prune"):
         positions, weights = crop.local.means / np.float32(crop.bounds.radius), renderings.visible.astype(np.float64)
         plane = find_support_plane(positions, parts.members, weights, crop.bounds, config.label_crf.support_plane)
         outline = _outline_views(setup, crop, accepted, plane)
         if config.evidence.min_in_place > 0:
-            parts = prune_halo(crop.local, parts, outline, config.evidence.min_in_place)
+            parts = prune(crop.local, parts, crop.selected, outline, config.evidence.min_in_place)
     refused = excessive_loss(
         crop.selected, parts.members, renderings.visible, renderings.visible_alone, config.acceptance
     )

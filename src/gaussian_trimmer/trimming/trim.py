@@ -125,20 +125,14 @@ def trim_objects(
     decisions = _decide_all(setup, rough, clock)
     with clock("share out"):
         owner, contested = resolve_overlaps(scene, [d.rows for d in decisions], [part.rows for part in rough])
-    removals, hidden = list[Removal | None]([None] * len(rough)), np.zeros(len(scene), np.bool_)
+    with clock("refine"):
+        assembled = list(parallel_map(partial(assemble_object, setup, owner), _light(decisions), numbers))
+    removals = list[Removal | None]([None] * len(rough))
     if setup.config.background != "exact":
         with clock("remove"):
             removals = list(parallel_map(partial(_remove, setup, owner), _light(decisions), numbers))
-            owner = _with_fragments(setup, decisions, owner, removals)
-            for decision, removal in zip(decisions, removals, strict=True):
-                if removal is not None:
-                    hidden[decision.crop.rows[removal.occluded_interior]] = True
-            hidden &= owner == 0
-    with clock("refine"):
-        fitted = partial(assemble_object, setup, owner, hidden)
-        assembled = list(parallel_map(fitted, _light(decisions), removals, numbers))
     with clock("assemble"):
-        return assemble_result(setup, assembled, owner, hidden, decisions, removals, contested, clock.seconds)
+        return assemble_result(setup, assembled, owner, decisions, removals, contested, clock.seconds)
 
 
 def views_to_segment(
@@ -236,17 +230,3 @@ def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) ->
     if removal.not_filled:
         LOG.info("not filled: %s", removal.not_filled)
     return removal
-
-
-def _with_fragments(
-    setup: Setup, decisions: Sequence[Decision], owner: LabelArray, removals: Sequence[Removal | None]
-) -> LabelArray:
-    """Return `owner` (N,) with the fragments of objects that were found when these were removed."""
-    claims = []
-    for number, (decision, removal) in enumerate(zip(decisions, removals, strict=True), 1):
-        crop, rows = decision.crop, decision.owned(owner, number)
-        if removal is not None:
-            joins = removal.fragments_of_object & ~crop.excluded & (crop.selected | setup.config.evidence.recover)
-            rows = np.union1d(rows, crop.rows[joins])
-        claims.append(rows)
-    return resolve_overlaps(setup.scene, claims, [decision.rough.rows for decision in decisions])[0]
