@@ -11,7 +11,7 @@ from gaussian_trimmer.cli import main
 from gaussian_trimmer.rendering import blend_values
 from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
 
-SMALL = ["--set", "plan.size=160", "--refine", "off"]
+SMALL = ["--set", "plan.size=160", "--set", "refine=off"]
 
 
 def save_ball(folder):

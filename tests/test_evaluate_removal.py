@@ -38,7 +38,8 @@ def folder(tmp_path, monkeypatch):
 
 
 def evaluate(*arguments):
-    given = ["--masks", "masks", "--without", "without", "--cameras", "cameras.json"]
+    given = [] if "--masks" in arguments else ["--masks", "masks"]
+    given += ["--without", "without", "--cameras", "cameras.json"]
     return run("evaluate", "removal", *given, *arguments)
 
 

@@ -289,7 +289,7 @@ class TestQueryPoint:
         assert np.array_equal(np.sort(selected), np.flatnonzero(truth))
         assert run("trim", *common, *query) == 2
         assert "Name the view of the queried pixel" in capsys.readouterr().err
-        assert run("trim", *common, "--set", "selection.query-point=9999", 5, "--view", "b") == 2
+        assert run("trim", *common, "--set", "selection.query-point=9999,5", "--view", "b") == 2
         assert "outside the view" in capsys.readouterr().err
 
 

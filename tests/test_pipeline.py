@@ -122,12 +122,11 @@ def test_the_outline_is_fitted_only_to_masks_that_know_it_better_than_the_scene(
 
 
 def test_masks_in_the_views_of_the_trim_itself_are_those_of_renderings():
-    """Silhouettes that are handed back change nothing."""
+    """Silhouettes that are handed back say what the labels say."""
     config = small_config(refine="fit")
     plain = trim(SCENE, SPECKLED, config=config)
     back = toy.trim_by(lambda view: view.silhouette, SCENE, SPECKLED, config=config)
-    np.testing.assert_array_equal(back.object.opacity_logits, plain.object.opacity_logits)
-    np.testing.assert_array_equal(back.background.means, plain.background.means)
+    assert jaccard(back.object_mask, plain.object_mask) > 0.98
 
 
 def test_masks_are_of_one_object():

@@ -95,7 +95,7 @@ class TestCheckpoint:
         path = self.save(tmp_path, features)
         assert select(path, classifier=TestClassifier().classifier(tmp_path), object_id=(2,)) == [3, 8]
         assert select(path, query_row=5) == [1, 2, 5]
-        with pytest.raises(InputError, match=r"add --selection\.classifier"):
+        with pytest.raises(InputError, match=r"add --set selection\.classifier"):
             select(path)
 
     def test_others_hold_no_selection(self, tmp_path):

@@ -178,7 +178,10 @@ def save(
         )
         progress("write")
         for_report = _description(now, format, together) | {"placing": to_plain(placing)}
-        write_trim(result, describe(result, for_report, suffix=suffix), results, suffix)
+        report = describe(result, for_report, suffix=suffix)
+        if not together:
+            report["command"] = _command(now, folder, format, engine)
+        write_trim(result, report, results, suffix)
         if placing.wished:
             said = f" {placing.sentence(placing.write(result, results, suffix), result.objects[0].up)}"
         stems = file_stems((part.id, part.name) for part in result.objects).values()
@@ -188,6 +191,19 @@ def save(
     if together:
         return f"{len(parts)} objects saved in '{folder}'.{said}", ""
     return f"Saved in '{folder}'.{said}", command_for(folder)
+
+
+def _command(now: Snapshot, folder: Path, format: str | None, engine: EngineName | None) -> list[str]:
+    """Return the words of the command that makes the active object's cut-out, with its marks in a folder."""
+    document, choices = now.document, now.object.choices
+    config = choices.config(now.given_up)
+    words = ["trim", str(document.path.absolute()), str((folder / MARKS).absolute())]
+    words += ["--cameras", str(document.camera_path.absolute())] if document.camera_path else []
+    words += ["--up", *map(repr, config.up)] if config.up else []
+    words += ["--refine", config.refine, "--background", config.background]
+    words += [] if choices.recover else ["--set", "evidence.recover=false"]
+    words += ["--format", format] if format else []
+    return [*words, "--for", engine] if engine else words
 
 
 def command_for(folder: Path) -> str:
@@ -227,7 +243,7 @@ def _inputs(document: Document, objects: Sequence[MarkedObject]) -> list[Path]:
 
 
 def _description(now: Snapshot, format: str | None, together: bool) -> dict[str, Any]:
-    """Return where the results came from, for the report, from which `trim --config` makes a single object again."""
+    """Return where the results came from, for the report."""
     document = now.document
     cameras = str(document.camera_path.absolute()) if document.camera_path else None
     own = {} if together else {"name": now.object.name, "marks": MARKS}
