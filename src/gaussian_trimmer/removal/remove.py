@@ -65,5 +65,5 @@ def _what_stays(things: IntArray) -> tuple[str, ...]:
     count = int(things.max(initial=0))
     sizes = ", ".join(f"{size:,}" for size in sorted(np.bincount(things)[1:], reverse=True))
     some = "1 thing" if count == 1 else f"{count} things"
-    cure = "--with-what-stands-on-it discards it, too"
+    cure = f"--with-what-stands-on-it discards {'it' if count == 1 else 'them'}, too"
     return (f"{some} that only the object holds ({sizes} Gaussians) will hang in the air; {cure}.",) if count else ()
