@@ -183,9 +183,7 @@ class TestSimilarity:
 
     def test_without_query_the_options_are_named(self, tmp_path):
         scene = make_scene(N, extras=identity_columns(list(self.IDS)))
-        with pytest.raises(
-            InputError, match=r"use --set selection\.classifier=VALUE or --set selection\.query-row="
-        ):
+        with pytest.raises(InputError, match=r"use --set selection\.classifier=VALUE or --set selection\.query-row="):
             select(save_ply(tmp_path / "scene.ply", scene), scene)
 
     def test_cut_out_of_a_scene_with_features_is_a_subset(self, tmp_path):
