@@ -1,7 +1,5 @@
 """Inputs that can be read and are wrong: each is told in one sentence, and nothing is trimmed."""
 
-import json
-
 import numpy as np
 import pytest
 import toy
@@ -45,12 +43,6 @@ def test_a_selection_of_rows_in_another_order_is_known():
     result = trim(SCENE, SCATTERED, config=CONFIG)
     assert "scattered over the scene" in result.objects[0].refused
     check_untrimmed(result, SCATTERED)
-
-
-@pytest.mark.parametrize("selection", [TRUTH, ~TRUTH, toy.dilated(SCENE, TRUTH), toy.with_floaters(SCENE, TRUTH)])
-def test_rough_selections_are_not_scattered(selection):
-    assert neighbour_agreement(SCENE, selection) > 0.7
-    assert neighbour_agreement(SCENE, np.random.default_rng(1).permutation(selection)) < 0.1
 
 
 def test_the_agreement_of_large_scenes_is_judged_on_a_sample():
@@ -150,29 +142,19 @@ def ball(tmp_path_factory):
     folder = tmp_path_factory.mktemp("inputs")
     save_ball(folder)
     np.save(folder / "scattered.npy", SCATTERED)
-    formats.write(far_away(SCENE, (431_200, 5_412_345, 120)), folder / "map.ply")
-    elsewhere, size = cameras_towards((0, -9, 2)).cameras, {"width": 64, "height": 64}
-    frames = [
-        {"file": f"{i}.png", **size, "K": c.K.tolist(), "world_to_camera": c.world_to_camera.tolist()}
-        for i, c in enumerate(elsewhere)
-    ]
-    (folder / "elsewhere.json").write_text(json.dumps({"up": [0, 0, 1], "frames": frames}))
     return folder
 
 
 @pytest.mark.parametrize(
-    ("scene", "selection", "options", "said"),
+    ("selection", "options", "said"),
     [
-        ("scene.ply", "scattered.npy", [], "scattered over the scene"),
-        ("scene.ply", "rough.npy", ["--cameras", "elsewhere.json"], "none of the 3 training cameras"),
-        ("map.ply", "rough.npy", [], "move the origin into the scene"),
-        ("scene.ply", "rough.npy", ["--set", "acceptance.max-wrong=0"], "0.0 is allowed"),
+        ("scattered.npy", [], "scattered over the scene"),
+        ("rough.npy", ["--set", "acceptance.max-wrong=0"], "0.0 is allowed"),
     ],
 )
 @pytest.mark.parametrize("quiet", [True, False])
-def test_the_command_says_that_nothing_was_trimmed(ball, tmp_path, capsys, scene, selection, options, said, quiet):
-    options = [ball / option if str(option).endswith(".json") else option for option in options]
-    command = ["trim", ball / scene, ball / selection, *options, "--output", tmp_path / "out", *SMALL]
+def test_the_command_says_that_nothing_was_trimmed(ball, tmp_path, capsys, selection, options, said, quiet):
+    command = ["trim", ball / "scene.ply", ball / selection, *options, "--output", tmp_path / "out", *SMALL]
     assert run(*command, *(["--quiet"] if quiet else [])) == 3
     printed = capsys.readouterr()
     assert bool(printed.out) != quiet

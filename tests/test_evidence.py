@@ -46,15 +46,6 @@ def some_evidence(n=2000):
     return weights.astype(np.float32), rng.random(n).astype(np.float32), rng.random(n) < 0.5
 
 
-@pytest.mark.parametrize("prior", [0.0, 1.0, 5.0])
-def test_without_recovery_nothing_is_added_and_otherwise_nothing_changes(prior):
-    weights, probability, coarse = some_evidence()
-    free = classify_gaussians(weights, probability, coarse, EvidenceConfig(prior=prior))
-    bound = classify_gaussians(weights, probability, coarse, EvidenceConfig(prior=prior, recover=False))
-    assert (free & ~coarse).any()
-    np.testing.assert_array_equal(bound, free & coarse)
-
-
 def test_more_weight_inside_or_a_likelier_label_never_prunes():
     weights, probability, coarse = some_evidence()
     seen = weights.sum(axis=1) > 1e-3

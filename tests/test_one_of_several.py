@@ -1,7 +1,5 @@
 """One object is one of several: whatever way a selection takes, object and background are the same to the byte."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import toy
@@ -87,18 +85,6 @@ def test_a_selection_that_is_refused_is_returned_as_it_was_whatever_the_way():
     assert expected.objects[0].refused
     masks = [(view.view.camera, toy.empty(view.view)) for view in expected.objects[0].views]
     check_same(gt.trim_objects(SCENE, [ROUGH], config=config, masks=masks), expected)
-
-
-def test_objects_far_apart_are_each_as_if_they_were_alone():
-    shift = np.float32([2.4, 0, 0])
-    scene, *truths = toy.two_balls(shift)
-    config = toy.small_config(background="clean")
-    result = gt.trim_objects(scene, truths, config=config)
-    for part, truth in zip(result.objects, truths, strict=True):
-        alone = gt.trim(scene, truth, config=replace(config))
-        assert toy.jaccard(result.labels == part.id, alone.object_mask) > 0.99
-    owners = np.concatenate([np.unique(part.source_index) for part in result.objects])
-    assert len(np.unique(owners)) == len(owners)
 
 
 def test_ten_thousand_ids_fit():

@@ -41,7 +41,7 @@ SELECTIONS = {
     "with floaters": with_floaters(SCENE, TRUTH),
     "speckled": SPECKLED,
 }
-WHOLE, CUT = SplitConfig("none"), SplitConfig("plane")
+WHOLE = SplitConfig("none")
 
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -50,11 +50,6 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 @cache
 def trimmed(kind):
     return trim(SCENE, SELECTIONS[kind], config=small_config(split=WHOLE))
-
-
-def splitting_config(rule):
-    """Limits low enough for the small views of the ball."""
-    return small_config(split=SplitConfig(rule))
 
 
 @pytest.mark.parametrize("kind", SELECTIONS)
@@ -90,7 +85,7 @@ def test_without_splits_object_and_background_are_the_scene(kind):
 
 @pytest.mark.parametrize("rule", SPLIT_RULES)
 def test_split_gaussians_have_their_parts_on_both_sides(rule):
-    result = toy.trim_by(toy.tight, SCENE, SPECKLED, config=splitting_config(rule))
+    result = toy.trim_by(toy.tight, SCENE, SPECKLED, config=small_config(split=SplitConfig(rule)))
     assert result.count(RowLabel.SPLIT_INSIDE) > 0
     assert result.count(RowLabel.SPLIT_OUTSIDE) == (0 if rule == "sagd" else result.count(RowLabel.SPLIT_INSIDE))
     check_parts(result, SPECKLED)

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import toy
-from command_line import SMALL, run, within
+from command_line import SMALL, run
 
 import gaussian_trimmer as gt
 from gaussian_trimmer import formats
@@ -22,8 +22,6 @@ from gaussian_trimmer.trimming.trim import trim_objects
 
 CONFIG = toy.small_config()
 SHIFT = np.float32([2.4, 0, 0])
-
-
 SCENE, FIRST, SECOND = toy.two_balls(SHIFT)
 
 
@@ -208,25 +206,6 @@ def test_folders_differ_by_id(files, tmp_path, monkeypatch):
     assert sorted(path.name for path in (tmp_path / "trimmed").iterdir()) == [
         f"{files.name}-labels-{number}" for number in (3, 7)
     ]
-
-
-def test_folders_of_trainings(files, tmp_path, capsys):
-    for iteration in (7000, 30000):
-        place = tmp_path / "model" / "point_cloud" / f"iteration_{iteration}"
-        place.mkdir(parents=True)
-        formats.write(SCENE if iteration == 30000 else SCENE.select(slice(0, 9)), place / "point_cloud.ply")
-    assert len(gt.read(tmp_path / "model")) == len(SCENE)
-    ball = within(tmp_path / "ball.npy", SCENE, (0, 0, 1), 1.2)
-    command = ["select", tmp_path / "model", "--add", ball, "--output", tmp_path / "a.npy"]
-    assert run(*command) == 0
-    assert "iteration_30000" in capsys.readouterr().out.replace("\n", "")
-    with pytest.raises(InputError, match="several splat files"):
-        formats.write(SCENE, tmp_path / "a.ply")
-        formats.write(SCENE, tmp_path / "b.ply")
-        gt.read(tmp_path)
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="holds no splat file"):
-        gt.read(tmp_path / "empty")
 
 
 def hollow():
