@@ -32,7 +32,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation import metrics
 from gaussian_trimmer.evaluation.ground_truth import TestView
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.geometry.distances import distance_to_outside
+from gaussian_trimmer.geometry.graphs import distance_to_outside
 from gaussian_trimmer.rendering import blend_values, render
 from gaussian_trimmer.selecting.marks import Box, Click, Mark
 from gaussian_trimmer.selecting.select import select

@@ -24,7 +24,7 @@ def drawing():
 
 def searching():
     """Connected points."""
-    from gaussian_trimmer.geometry.components import connected_points
+    from gaussian_trimmer.geometry.graphs import connected_points
 
     points = np.random.default_rng(0).normal(size=(100, 3))
     connected_points(points, 0.5)

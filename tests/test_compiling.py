@@ -35,7 +35,7 @@ def test_a_number_of_threads_that_is_none_is_one_sentence(threads, tmp_path):
 def test_without_a_folder_for_kernels_they_are_compiled_in_every_process():
     code = (
         "from gaussian_trimmer.geometry.compiling import CACHE\n"
-        "from gaussian_trimmer.geometry.components import connected_points\n"
+        "from gaussian_trimmer.geometry.graphs import connected_points\n"
         "import numpy as np\n"
         "print(CACHE, connected_points(np.diag([0.0, 1, 5]), 2.0).tolist())"
     )

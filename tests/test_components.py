@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from toy import any_rotation
 
-from gaussian_trimmer.geometry.components import connected_points, connected_voxels
+from gaussian_trimmer.geometry.graphs import connected_points, connected_voxels
 
 
 def by_all_pairs(points, reach):

@@ -8,7 +8,7 @@ from command_line import run
 
 from gaussian_trimmer import formats, sample
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.io.folders import atomic_folder
 from gaussian_trimmer.masks.mask_files import cameras_with_masks
 
 

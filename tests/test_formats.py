@@ -343,7 +343,7 @@ def test_damaged_compressed_ply_is_refused(tmp_path: Path) -> None:
         (b"element sh 300", b"element sh 299", "not 9, 24 or 45 bytes"),
         (b"float min_x", b"float any_x", "lacks min_x"),
         (b"uint packed_scale", b"int packed_scale", "lacks packed_scale"),
-        (b"uint packed_position", b"uint position", "not a compressed PLY"),
+        (b"uint packed_position", b"uint position", "lacks packed_position"),
     ]:
         path.write_bytes(good.replace(old, new))
         with pytest.raises(InputError, match=message):

@@ -11,7 +11,7 @@ from format_samples import sample
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.writing import save_array
+from gaussian_trimmer.io.writing import npy_bytes, write_whole
 from gaussian_trimmer.output.pictures import write_picture
 from gaussian_trimmer.output.saving import save
 from gaussian_trimmer.trimming.trim import trim
@@ -23,7 +23,7 @@ GAUSSIANS = sample(150, 1)
 PICTURE = np.random.default_rng(0).integers(0, 255, (64, 64, 3)).astype(np.uint8)
 WRITERS = {
     **{suffix: (lambda path: formats.write(GAUSSIANS, path)) for suffix in formats.FORMATS},
-    ".npy": lambda path: save_array(np.arange(6000) % 3 == 0, path),
+    ".npy": lambda path: write_whole(path, npy_bytes(np.arange(6000) % 3 == 0)),
     ".png": lambda path: write_picture(PICTURE, path),
 }
 

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from gaussian_trimmer.geometry.min_cut import min_cut
+from gaussian_trimmer.geometry.graphs import min_cut
 
 
 def cost(labels, unaries, edges, weights):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaussian_trimmer.geometry.neighbours import nearest
+from gaussian_trimmer.geometry.graphs import nearest
 
 
 def all_pairs(points, queries):

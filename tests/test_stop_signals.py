@@ -13,8 +13,8 @@ import pytest
 
 from gaussian_trimmer import cli
 from gaussian_trimmer.batch.engines import _cluster
-from gaussian_trimmer.io.stop_signals import Stopped, stop_signals_raised
-from gaussian_trimmer.io.writing import atomic_folder, write_whole
+from gaussian_trimmer.io.folders import atomic_folder
+from gaussian_trimmer.io.writing import Stopped, stop_signals_raised, write_whole
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="needs signals")
 
@@ -23,7 +23,8 @@ import signal, sys
 from pathlib import Path
 from gaussian_trimmer import cli
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.writing import atomic_file, atomic_folder
+from gaussian_trimmer.io.folders import atomic_folder
+from gaussian_trimmer.io.writing import atomic_file
 def command(_):
     with atomic_folder(Path(sys.argv[2]), "test") as folder, atomic_file(folder / "file"):
         {body}

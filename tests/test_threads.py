@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from toy import ball_on_floor, dilated, small_config, tight, trim_by, two_balls
 
-from gaussian_trimmer.geometry.neighbours import nearest
+from gaussian_trimmer.geometry.graphs import nearest
 from gaussian_trimmer.rendering import blend_values, blend_weights, render, top_contributors
 from gaussian_trimmer.trimming.config import SplitConfig
 from gaussian_trimmer.trimming.result import RowLabel

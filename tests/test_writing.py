@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.writing import atomic_file, atomic_folder, remove_leftovers
+from gaussian_trimmer.io.folders import atomic_folder, remove_leftovers
+from gaussian_trimmer.io.writing import atomic_file
 
 OLD = {"object.splat": "old", "report.json": "old", "views/0": "old", "views/1": "old"}
 NEW = {"object.ply": "new", "report.json": "newer", "views/0": "new", "more/0": "new"}
@@ -20,7 +21,7 @@ MINE = {"notes": "mine", "views/photo": "mine"}
 
 KILLED = """
 import json, os, pathlib, signal, sys
-from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.io.folders import atomic_folder
 left, rename = int(sys.argv[2]), pathlib.Path.rename
 def killing(source, goal):
     global left

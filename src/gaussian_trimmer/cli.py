@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     and a sentence says what is left. Other exceptions are defects and keep their traceback.
     """
     try:
-        from gaussian_trimmer.io.stop_signals import stop_signals_raised, written
+        from gaussian_trimmer.io.writing import stop_signals_raised, written
 
         with stop_signals_raised() as signals:
             try:

@@ -30,8 +30,15 @@ from gaussian_trimmer.cameras import Camera, Viewpoint, intrinsics
 from gaussian_trimmer.commands.info import describe_file
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.io.manifest import MANIFEST, earlier_results, files_in, is_complete, is_made_of, write_manifest
-from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.io.folders import (
+    MANIFEST,
+    atomic_folder,
+    earlier_results,
+    files_in,
+    is_complete,
+    is_made_of,
+    write_manifest,
+)
 from gaussian_trimmer.masks.mask_files import mask_of
 from gaussian_trimmer.selecting.marks import (
     Box3D,

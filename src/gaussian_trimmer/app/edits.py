@@ -20,7 +20,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, mask_of_rows
-from gaussian_trimmer.geometry.neighbours import nearest
+from gaussian_trimmer.geometry.graphs import nearest
 from gaussian_trimmer.selecting.interpretation import INTERPRETATIONS
 from gaussian_trimmer.selecting.marks import Effect, FromFile, Mark, Marks, Rows, read_marks
 from gaussian_trimmer.selecting.selection import Selection

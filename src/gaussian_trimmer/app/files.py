@@ -24,7 +24,8 @@ from gaussian_trimmer.app.project import (
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import Document, MarkedObject, Progress, Snapshot
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.writing import atomic_folder, safe_file_name
+from gaussian_trimmer.io.folders import atomic_folder
+from gaussian_trimmer.io.writing import safe_file_name
 from gaussian_trimmer.output.engines import ENGINES, EngineName, PlacingOptions, placement_for
 from gaussian_trimmer.output.report import describe, file_stems
 from gaussian_trimmer.output.saving import RESULTS, result_files, write_trim

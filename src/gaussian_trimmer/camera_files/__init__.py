@@ -25,7 +25,6 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.camera_files.colmap import read_colmap
 from gaussian_trimmer.camera_files.frames import (
     DISTORTION_TOLERANCE,
     cameras_from_arrays,
@@ -33,7 +32,7 @@ from gaussian_trimmer.camera_files.frames import (
     inverse,
     rigid_transform,
 )
-from gaussian_trimmer.camera_files.json_files import MAX_BYTES, read_json_cameras
+from gaussian_trimmer.camera_files.readers import MAX_BYTES, read_colmap, read_json_cameras
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify

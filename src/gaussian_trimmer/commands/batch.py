@@ -26,10 +26,9 @@ from gaussian_trimmer.commands.console import add_printing, console_of, print_js
 from gaussian_trimmer.errors import InputError, clip_name, printable, user_message
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Gaussians, quaternions_of
-from gaussian_trimmer.io.manifest import is_complete
+from gaussian_trimmer.io.folders import is_complete, remove_leftovers
 from gaussian_trimmer.io.reading import is_file, is_folder, read_json
-from gaussian_trimmer.io.stop_signals import Stopped
-from gaussian_trimmer.io.writing import make_folder, remove_leftovers
+from gaussian_trimmer.io.writing import Stopped, make_folder
 from gaussian_trimmer.parser import Parser
 from gaussian_trimmer.settings import Range
 from gaussian_trimmer.trim_arguments import suffix_for

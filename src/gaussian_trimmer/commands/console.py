@@ -17,7 +17,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Float64Array
-from gaussian_trimmer.io.manifest import earlier_results
+from gaussian_trimmer.io.folders import earlier_results
 from gaussian_trimmer.parser import PROGRAM
 from gaussian_trimmer.trimming.clock import LOG
 from gaussian_trimmer.trimming.up_vector import UpVector, up_text

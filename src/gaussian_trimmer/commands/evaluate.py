@@ -51,7 +51,7 @@ from gaussian_trimmer.evaluation.tables import (
 )
 from gaussian_trimmer.evaluation.trials import Run
 from gaussian_trimmer.gaussians import FloatArray, Gaussians
-from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.io.folders import atomic_folder
 from gaussian_trimmer.masks.mask_files import cameras_with_masks, find_mask
 from gaussian_trimmer.parser import Parser
 from gaussian_trimmer.rendering import render

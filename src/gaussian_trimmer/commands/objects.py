@@ -20,8 +20,8 @@ from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.found import FoundObjects, chosen_objects
 from gaussian_trimmer.finding.judging import FindConfig
 from gaussian_trimmer.finding.saving import FOUND_FILES, write_found
-from gaussian_trimmer.io.manifest import is_made_of
-from gaussian_trimmer.io.writing import atomic_folder, safe_file_name
+from gaussian_trimmer.io.folders import atomic_folder, is_made_of
+from gaussian_trimmer.io.writing import safe_file_name
 from gaussian_trimmer.parser import PROGRAM, Parser
 from gaussian_trimmer.trim_arguments import add_scene, add_trimming
 from gaussian_trimmer.trimming.up_vector import UpVector, find_up

@@ -26,9 +26,9 @@ from gaussian_trimmer.commands.trim_run import (
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.io.manifest import is_made_of
+from gaussian_trimmer.io.folders import atomic_folder, is_made_of
 from gaussian_trimmer.io.reading import is_file
-from gaussian_trimmer.io.writing import atomic_folder, save_array
+from gaussian_trimmer.io.writing import npy_bytes, write_whole
 from gaussian_trimmer.output.pictures import as_picture, with_grid, write_picture
 from gaussian_trimmer.parser import PROGRAM, Parser
 from gaussian_trimmer.rendering import render
@@ -122,7 +122,7 @@ def _select(arguments: Namespace, path: Path, console: Console) -> Selected:
         labels, n_masks = lift_id_masks(scene, cameras, arguments.masks, arguments.gamma)
         if not labels.any():
             raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
-        save_array(labels, path)
+        write_whole(path, npy_bytes(labels))
         console.print(f"{path}: {np.count_nonzero(labels):,} of {len(scene):,} Gaussians, {n_masks} masks")
         return scene, cameras, {THE_OBJECT: Selection(labels != 0)}, None, None
     up = find_up(scene, cameras, arguments.up)

@@ -27,7 +27,7 @@ from gaussian_trimmer.commands.console import (
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.io.folders import atomic_folder
 from gaussian_trimmer.masks import draw_masks
 from gaussian_trimmer.masks.mask_files import read_masks
 from gaussian_trimmer.output.report import describe, sentences

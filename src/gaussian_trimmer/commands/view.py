@@ -12,7 +12,7 @@ from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.io.reading import is_file, is_folder
-from gaussian_trimmer.io.stop_signals import Stopped
+from gaussian_trimmer.io.writing import Stopped
 from gaussian_trimmer.parser import Parser
 from gaussian_trimmer.settings import Range
 from gaussian_trimmer.trim_arguments import CAMERAS

@@ -17,7 +17,7 @@ from gaussian_trimmer._version import __version__
 from gaussian_trimmer.cameras import Camera, look_at, up_frame
 from gaussian_trimmer.finding.found import FoundObject, FoundObjects
 from gaussian_trimmer.gaussians import Float64Array
-from gaussian_trimmer.io.writing import save_array, write_json, write_whole
+from gaussian_trimmer.io.writing import npy_bytes, write_json, write_whole
 from gaussian_trimmer.output.pages import asset, document, json_block, text
 from gaussian_trimmer.output.pictures import Picture, as_picture, draw_number, write_picture
 from gaussian_trimmer.rendering import blend_values, render
@@ -70,7 +70,7 @@ def write_found(
     Raises:
         InputError: a file cannot be written.
     """
-    save_array(found.labels.astype(np.int32), folder / "objects.npy")
+    write_whole(folder / "objects.npy", npy_bytes(found.labels.astype(np.int32)))
     rows = [described(one, names.get(one.id, "")) for one in found]
     write_whole(folder / "objects.csv", _table(rows))
     document_of = {

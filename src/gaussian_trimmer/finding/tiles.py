@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from gaussian_trimmer.cameras import up_frame
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
-from gaussian_trimmer.geometry.components import connected_voxels
+from gaussian_trimmer.geometry.graphs import connected_voxels
 from gaussian_trimmer.geometry.storey import Storey
 from gaussian_trimmer.views.view import HALF
 

@@ -66,7 +66,7 @@ def read(
         if given != path:
             say(f"{given}: reading {path}")
     with reading(path):
-        module = _module(_kind_of_ply(path) if suffix.endswith(".ply") else suffix)
+        module = _module(".compressed.ply" if suffix == ".ply" else suffix)  # which reads both kinds
         gaussians: Gaussians = module.read(path, **choice)
         check_values(gaussians, path)
     return gaussians
@@ -195,11 +195,3 @@ def _writable(path: str | Path) -> str:
     if suffix is None:
         raise InputError(f"'{Path(path).name}' cannot be written: give it one of the endings {', '.join(FORMATS)}.")
     return suffix
-
-
-def _kind_of_ply(path: Path) -> str:
-    """The suffix that a PLY's header asks for: compressed files are met under plain names too, and the reverse."""
-    from gaussian_trimmer.formats.compressed_ply import is_compressed
-    from gaussian_trimmer.formats.ply import read_header
-
-    return ".compressed.ply" if is_compressed(read_header(path)) else ".ply"

@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib.recfunctions import structured_to_unstructured
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats import ply
 from gaussian_trimmer.formats.packing import (
     colours_of,
     drop_largest,
@@ -23,7 +25,7 @@ from gaussian_trimmer.formats.packing import (
     sh_dc_of,
     to_levels,
 )
-from gaussian_trimmer.formats.ply import Header, read_columns, read_header
+from gaussian_trimmer.formats.ply import Header, header_of, read_header, read_table
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.io.writing import atomic_file, write_array
 
@@ -31,6 +33,10 @@ _ROWS_IN_A_CHUNK = 256
 _AXIS_NAMES = ("x", "y", "z")
 _SCALE_NAMES = ("scale_x", "scale_y", "scale_z")
 _COLOUR_NAMES = ("r", "g", "b")
+_ENDS = tuple(
+    f"{end}_{name}" for names in (_AXIS_NAMES, _SCALE_NAMES, _COLOUR_NAMES) for end in ("min", "max") for name in names
+)
+"""Columns of a chunk; older writers leave out the last six."""
 _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 _SH_COUNTS = (9, 24, 45)
 _SH_RANGE = 4.0
@@ -40,34 +46,23 @@ Words = NDArray[Any]
 """Unsigned integers of 32 bits, (N,)."""
 
 
-def is_compressed(header: Header) -> bool:
-    """Return whether a PLY header is that of a compressed PLY."""
-    properties = {element.name: {name for name, _ in element.properties} for element in header.elements}
-    return "chunk" in properties and "packed_position" in properties.get("vertex", set())
-
-
 def read(path: Path) -> Gaussians:
-    """Return the Gaussians of a compressed PLY, rows in file order.
+    """Return the Gaussians of a PLY, rows in file order; of a plain one too, since the header tells, not the name.
 
     Raises:
-        InputError: the file cannot be read, is not a compressed PLY, is truncated, or holds non-finite values.
+        InputError: the file cannot be read, is not a PLY of Gaussians, is truncated, or holds non-finite values.
     """
     header = read_header(path)
-    if not is_compressed(header):
-        raise InputError(f"'{path}' is not a compressed PLY: it has no chunks with packed vertices.")
-    chunks, rows = read_columns(path, header, "chunk"), read_columns(path, header)
-    missing = [name for name in _PACKED if name not in rows or rows[name].dtype.kind != "u"]
-    missing += [
-        f"{end}_{name}"
-        for end in ("min", "max")
-        for name in _AXIS_NAMES + _SCALE_NAMES
-        if f"{end}_{name}" not in chunks
-    ]
+    if not header.names("chunk"):
+        return ply.read(path)
+    chunks, rows = read_table(path, header, "chunk"), read_table(path, header)
+    missing = [name for name in _PACKED if name not in header.names("vertex") or rows[name].dtype.kind != "u"]
+    missing += [name for name in _ENDS[:12] if name not in header.names("chunk")]
     if missing:
         raise InputError(f"'{path}' is not a compressed PLY: it lacks {', '.join(missing)}.")
-    n = len(rows["packed_position"])
-    if len(chunks["min_x"]) != -(-n // _ROWS_IN_A_CHUNK):
-        raise InputError(f"'{path}' is damaged: {n} Gaussians cannot lie in {len(chunks['min_x'])} chunks of 256.")
+    n = len(rows)
+    if len(chunks) != -(-n // _ROWS_IN_A_CHUNK):
+        raise InputError(f"'{path}' is damaged: {n} Gaussians cannot lie in {len(chunks)} chunks of 256.")
     position, rotation, scale, colour = (np.asarray(rows[name], np.uint32) for name in _PACKED)
     return Gaussians(
         means=_between_extremes(_split_11_10_11(position), (11, 10, 11), chunks, _AXIS_NAMES).astype(np.float32),
@@ -96,21 +91,17 @@ def write(gaussians: Gaussians, path: Path) -> None:
     red, green, blue = to_levels(colours, _spread(low, n), _spread(high, n), 8).T
     colour = red << 24 | green << 16 | blue << 8 | opacity_bytes(gaussians)
     words = np.column_stack([position, _pack_rotations(gaussians.quaternions), scale, colour]).astype("<u4")
-    ends = np.column_stack([position_ends, scale_ends, low, high]).astype("<f4")
+    ends, sh = np.column_stack([position_ends, scale_ends, low, high]).astype("<f4"), _pack_sh(gaussians.sh_rest)
+    elements = {
+        "chunk": (len(ends), np.dtype([(name, "<f4") for name in _ENDS])),
+        "vertex": (n, np.dtype([(name, "<u4") for name in _PACKED])),
+    }
+    if gaussians.sh_degree:
+        elements["sh"] = n, np.dtype([(f"f_rest_{i}", "u1") for i in range(sh.shape[1])])
     with atomic_file(path) as part, part.open("wb") as file:
-        file.write(_header(len(ends), n, gaussians.sh_rest.shape[2]).encode("ascii"))
-        for array in (ends, words, _pack_sh(gaussians.sh_rest)):
+        file.write(header_of(elements))
+        for array in (ends, words, sh):
             write_array(file, array)
-
-
-def _header(n_chunks: int, n: int, n_coefficients: int) -> str:
-    lines = ["ply", "format binary_little_endian 1.0", f"element chunk {n_chunks}"]
-    for names in (_AXIS_NAMES, _SCALE_NAMES, _COLOUR_NAMES):
-        lines += [f"property float {end}_{name}" for end in ("min", "max") for name in names]
-    lines += [f"element vertex {n}", *[f"property uint {name}" for name in _PACKED]]
-    if n_coefficients:
-        lines += [f"element sh {n}", *[f"property uchar f_rest_{i}" for i in range(3 * n_coefficients)]]
-    return "\n".join([*lines, "end_header\n"])
 
 
 def _extremes(values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -139,7 +130,7 @@ def _split_11_10_11(words: Words) -> tuple[Words, Words, Words]:
 
 
 def _between_extremes(
-    levels: tuple[Words, ...], bits: tuple[int, ...], chunks: dict[str, NDArray[Any]], names: tuple[str, ...]
+    levels: tuple[Words, ...], bits: tuple[int, ...], chunks: NDArray[Any], names: tuple[str, ...]
 ) -> Float64Array:
     """Values (N, 3) of levels of so many bits between the chunks' extremes of the named columns."""
     n = len(levels[0])
@@ -161,10 +152,10 @@ def _unpack_rotations(words: Words) -> FloatArray:
     return restore_largest(words >> 30, from_levels(levels, -_ROTATION_RANGE, _ROTATION_RANGE, 10))
 
 
-def _unpack_colours(words: Words, chunks: dict[str, NDArray[Any]]) -> Float64Array:
+def _unpack_colours(words: Words, chunks: NDArray[Any]) -> Float64Array:
     """Return colours (N, 3); files of older writers have no extremes for them and mean 0 to 1."""
     levels = words >> 24, words >> 16 & 0xFF, words >> 8 & 0xFF
-    if all(f"{end}_{name}" in chunks for end in ("min", "max") for name in _COLOUR_NAMES):
+    if {*_ENDS} <= {*(chunks.dtype.names or ())}:
         return _between_extremes(levels, (8, 8, 8), chunks, _COLOUR_NAMES)
     return np.column_stack(levels) / 255.0
 
@@ -186,7 +177,5 @@ def _read_sh(path: Path, header: Header, n: int) -> FloatArray:
         raise InputError(f"'{path}' is damaged: its sh element is not 9, 24 or 45 bytes for each Gaussian.")
     shares = (np.arange(256, dtype=np.float32) + 0.5) / 256.0
     shares[[0, 255]] = 0.0, 1.0
-    columns = read_columns(path, header, "sh")
-    values: FloatArray = ((shares - 0.5) * 2 * _SH_RANGE).astype(np.float32)
-    codes = np.column_stack([columns[name] for name in names]).reshape(n, 3, -1)
-    return np.asarray(values[codes])
+    codes = structured_to_unstructured(read_table(path, header, "sh")[names]).reshape(n, 3, -1)
+    return np.asarray(((shares - 0.5) * 2 * _SH_RANGE).astype(np.float32)[codes])

@@ -2,22 +2,23 @@
 
 Property order is free, nx/ny/nz are optional, and unknown scalar columns are kept as extras.
 
-A binary file whose columns are all little-endian float32 is read as one table, of which the arrays are views; the
-centres alone are copied, since nearly every step looks at all of them. The file is not mapped: a mapping of a file that
-someone shortens kills the process that looks at it.
+A binary file is read as one table, of which little-endian float32 columns are views; the centres alone are copied,
+since nearly every step looks at all of them. The file is not mapped: a mapping of a file that someone shortens kills
+the process that looks at it.
 """
 
 from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.lib.recfunctions import structured_to_unstructured, unstructured_to_structured
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, clip_name
@@ -31,7 +32,6 @@ _NORMAL_NAMES = ["nx", "ny", "nz"]
 _DC_NAMES = ["f_dc_0", "f_dc_1", "f_dc_2"]
 _SCALE_NAMES = ["scale_0", "scale_1", "scale_2"]
 _ROTATION_NAMES = ["rot_0", "rot_1", "rot_2", "rot_3"]
-_REQUIRED_NAMES = [*_POSITION_NAMES, *_DC_NAMES, "opacity", *_SCALE_NAMES, *_ROTATION_NAMES]
 _REST_COUNTS = (0, 9, 24, 45)
 _RELATIVES = {
     "f_anchor_feat_0": "It is of Scaffold-GS, as InstanceGaussian's: anchors, of which networks make each view's "
@@ -69,28 +69,28 @@ def read(path: Path) -> Gaussians:
         InputError: the file is missing, is not a splat PLY, is truncated, or holds no Gaussians, or values that are not
             finite or extreme.
     """
-    columns = read_columns(path, read_header(path))
-    if "scale_2" not in columns and {"scale_0", "scale_1"} <= columns.keys():
-        columns["scale_2"] = thicken_discs(_block(columns, _SCALE_NAMES[:2]))[:, 2]
-    missing = [name for name in _REQUIRED_NAMES if name not in columns]
-    if missing:
-        hint = next((f" {hint}" for name, hint in _RELATIVES.items() if name in columns), "")
+    table = read_table(path, read_header(path))
+    names = table.dtype.names or ()
+    scales = _SCALE_NAMES if "scale_2" in names else _SCALE_NAMES[:2]
+    required = [*_POSITION_NAMES, *_DC_NAMES, "opacity", *scales, *_ROTATION_NAMES]
+    if missing := [name for name in required if name not in names]:
+        hint = next((f" {hint}" for name, hint in _RELATIVES.items() if name in names), "")
         raise InputError(f"'{path}' is not a splat PLY: its vertices lack {', '.join(missing)}.{hint}")
-    rest = sorted((name for name in columns if re.fullmatch(r"f_rest_\d+", name)), key=lambda name: int(name[7:]))
-    if len(rest) not in _REST_COUNTS or rest != [f"f_rest_{i}" for i in range(len(rest))]:
+    rest = [name for name in names if re.fullmatch(r"f_rest_\d+", name)]
+    numbered = [f"f_rest_{i}" for i in range(len(rest))]
+    if len(rest) not in _REST_COUNTS or {*rest} != {*numbered}:
         raise InputError(f"'{path}' has {len(rest)} f_rest columns; a splat PLY has 0, 9, 24 or 45, numbered from 0.")
-    known = {*_REQUIRED_NAMES, *_NORMAL_NAMES, *rest}
-    n = len(columns["x"])
-    means = np.ascontiguousarray(_block(columns, _POSITION_NAMES))
+    means = np.ascontiguousarray(_columns(table, _POSITION_NAMES))
     means.flags.writeable = False
+    log_scales = _columns(table, scales)
     gaussians = Gaussians(
         means=means,
-        log_scales=_block(columns, _SCALE_NAMES),
-        quaternions=_block(columns, _ROTATION_NAMES),
-        opacity_logits=_block(columns, ["opacity"])[:, 0],
-        sh_dc=_block(columns, _DC_NAMES),
-        sh_rest=_block(columns, rest).reshape(n, 3, len(rest) // 3),
-        extras={name: column for name, column in columns.items() if name not in known},
+        log_scales=log_scales if len(scales) == 3 else thicken_discs(log_scales),
+        quaternions=_columns(table, _ROTATION_NAMES),
+        opacity_logits=table["opacity"],
+        sh_dc=_columns(table, _DC_NAMES),
+        sh_rest=_columns(table, numbered).reshape(len(table), 3, len(rest) // 3),
+        extras={name: table[name] for name in names if name not in {*required, *_NORMAL_NAMES, *rest}},
     )
     return with_finite_limits(gaussians)
 
@@ -103,7 +103,8 @@ def write(gaussians: Gaussians, path: Path, *, extras: bool = False) -> None:
     Raises:
         ValueError: an extra column is of a type, or has a name, that a PLY cannot hold.
     """
-    _write_chunks(_chunks(gaussians), gaussians, len(gaussians), path, extras=extras)
+    gaussians = gaussians if extras else gaussians.replace(extras={})
+    _write_chunks(_chunks(gaussians), gaussians, len(gaussians), path)
 
 
 def write_selected(gaussians: Gaussians, rows: IntArray, appended: Gaussians, path: Path) -> None:
@@ -120,7 +121,7 @@ def write_selected(gaussians: Gaussians, rows: IntArray, appended: Gaussians, pa
     bare, tail = gaussians.replace(extras={}), appended.replace(extras={})
     starts = range(0, len(rows), _ROWS_PER_WRITE)
     gathered = (bare.select(rows[start : start + _ROWS_PER_WRITE]) for start in starts)
-    _write_chunks(chain(gathered, _chunks(tail)), bare, len(rows) + len(tail), path, extras=False)
+    _write_chunks(chain(gathered, _chunks(tail)), bare, len(rows) + len(tail), path)
 
 
 def _chunks(gaussians: Gaussians) -> Iterator[Gaussians]:
@@ -128,57 +129,34 @@ def _chunks(gaussians: Gaussians) -> Iterator[Gaussians]:
         yield gaussians.select(slice(start, start + _ROWS_PER_WRITE))
 
 
-def _write_chunks(chunks: Iterable[Gaussians], like: Gaussians, count: int, path: Path, *, extras: bool) -> None:
+def _write_chunks(chunks: Iterable[Gaussians], like: Gaussians, count: int, path: Path) -> None:
     """Write chunks of `count` Gaussians in all, whose columns are those of `like`."""
-    rest = like.sh_rest.shape[1] * like.sh_rest.shape[2]
-    names = [
-        *_POSITION_NAMES,
-        *_NORMAL_NAMES,
-        *_DC_NAMES,
-        *[f"f_rest_{i}" for i in range(rest)],
-        "opacity",
-        *_SCALE_NAMES,
-        *_ROTATION_NAMES,
-    ]
-    fields = [(name, "<f4") for name in names]
-    if extras:
-        fields += [(name, column.dtype.newbyteorder("<").str) for name, column in like.extras.items()]
-    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {count}\n"
-    header += "".join(property_line(name, kind) for name, kind in fields) + "end_header\n"
-    row_type = np.dtype(fields)
+    rest = [f"f_rest_{i}" for i in range(3 * like.sh_rest.shape[2])]
+    names = [*_POSITION_NAMES, *_NORMAL_NAMES, *_DC_NAMES, *rest, "opacity", *_SCALE_NAMES, *_ROTATION_NAMES]
+    extras = [(name, column.dtype.newbyteorder("<").str) for name, column in like.extras.items()]
+    row_type = np.dtype([*((name, "<f4") for name in names), *extras])
     with atomic_file(path) as part, part.open("wb") as file:
-        file.write(header.encode("ascii"))
+        file.write(header_of({"vertex": (count, row_type)}))
         for chunk in chunks:
-            write_array(file, _rows(chunk, row_type, len(names)))
+            write_array(file, _rows(chunk, row_type, names))
 
 
-def _block(columns: dict[str, NDArray[Any]], names: list[str]) -> FloatArray:
-    """Named columns as one (N, len(names)) array: a view where they lie side by side in memory, else a copy."""
-    if not names:
-        return np.zeros((len(columns["x"]), 0), np.float32)
-    parent = columns[names[0]].base
-    if isinstance(parent, np.ndarray) and parent.ndim == 2:
-        offsets = [columns[name].ctypes.data - parent.ctypes.data for name in names]
-        if offsets == [offsets[0] + 4 * i for i in range(len(names))]:
-            view: FloatArray = parent[:, offsets[0] // 4 : offsets[0] // 4 + len(names)]
-            return view
-    return np.column_stack([np.asarray(columns[name], np.float32) for name in names])
-
-
-def _rows(gaussians: Gaussians, row_type: np.dtype[Any], n_float: int) -> NDArray[Any]:
-    """Structured rows of the standard columns, followed by as many extras as the row type asks for."""
-    n = len(gaussians)
-    standard = [gaussians.means, np.zeros((n, 3), np.float32), gaussians.sh_dc, gaussians.sh_rest.reshape(n, -1)]
-    standard += [gaussians.opacity_logits[:, None], gaussians.log_scales, gaussians.quaternions]
-    floats = np.concatenate(standard, axis=1, dtype=np.float32)
-    assert floats.shape[1] == n_float
-    assert row_type.names is not None
-    if len(row_type.names) == n_float:
-        return floats
-    rows = np.empty(n, row_type)
-    for i, name in enumerate(row_type.names):
-        rows[name] = floats[:, i] if i < n_float else gaussians.extras[name]
+def _rows(gaussians: Gaussians, row_type: np.dtype[Any], names: list[str]) -> NDArray[Any]:
+    """Return the rows (N,) of the named columns, in float32, and of the extra ones that the type has."""
+    n, rows = len(gaussians), np.empty(len(gaussians), row_type)
+    columns = [gaussians.means, np.zeros((n, 3), np.float32), gaussians.sh_dc, gaussians.sh_rest.reshape(n, -1)]
+    columns += [gaussians.opacity_logits[:, None], gaussians.log_scales, gaussians.quaternions]
+    np.concatenate(columns, axis=1, out=_columns(rows, names))
+    for name, column in gaussians.extras.items():
+        rows[name] = column
     return rows
+
+
+def _columns(table: NDArray[Any], names: list[str]) -> FloatArray:
+    """Return columns of a table (N,) as (N, K) in float32: a view of it where they are that already, side by side."""
+    if not names:
+        return np.zeros((len(table), 0), np.float32)
+    return np.asarray(structured_to_unstructured(table[names], np.float32, copy=False))
 
 
 @dataclass(frozen=True)
@@ -201,6 +179,35 @@ class Header:
     size: int
     """Bytes before the data."""
 
+    def names(self, element: str) -> list[str]:
+        """Return the names of an element's properties; none where the file has no such element."""
+        return [name for found in self.elements if found.name == element for name, _ in found.properties]
+
+    def row_type(self, element: Element) -> np.dtype[Any]:
+        """Return how a row of an element lies in the file."""
+        order = ">" if self.encoding == "binary_big_endian" else "<"
+        return np.dtype([(name, order + kind) for name, kind in element.properties])
+
+
+def header_of(elements: Mapping[str, tuple[int, np.dtype[Any]]]) -> bytes:
+    """Return the header of a binary little-endian PLY with elements of so many rows of a type, by their names.
+
+    Raises:
+        ValueError: a PLY has no column of such a type, or cannot hold its name.
+    """
+    ply_types = {code: word for word, code in _SCALAR_TYPES.items() if not word[-1].isdigit()}
+    lines = ["ply", "format binary_little_endian 1.0"]
+    for element, (count, row_type) in elements.items():
+        lines.append(f"element {element} {count}")
+        for name in row_type.names or ():
+            kind = row_type[name].str
+            if kind[1:] not in ply_types or not name.isascii() or len(name.split()) != 1:
+                raise ValueError(
+                    f"A PLY cannot hold a column '{name}' of type {kind}; cast it to float32, int32 or uint8."
+                )
+            lines.append(f"property {ply_types[kind[1:]]} {name}")
+    return "\n".join([*lines, "end_header\n"]).encode("ascii")
+
 
 def read_header(path: Path) -> Header:
     """Parse the header of a PLY file.
@@ -213,30 +220,6 @@ def read_header(path: Path) -> Header:
             return _parse_header(file, path)
     except OSError as error:
         raise InputError(f"Cannot read '{path}': {error.strerror}.") from error
-
-
-def read_columns(path: Path, header: Header, name: str = "vertex") -> dict[str, NDArray[Any]]:
-    """All columns of one element, the vertices if not named.
-
-    Columns of a binary file are views onto one table of its rows, (N, number of properties) where all of them are
-    little-endian float32; nobody writes to them.
-
-    Raises:
-        InputError: the element is missing, it or one before it has list properties, or the file is truncated.
-    """
-    names = [element.name for element in header.elements]
-    if name not in names:
-        raise InputError(f"'{path}' has no {name} element, so it holds no Gaussians.")
-    *before, element = header.elements[: names.index(name) + 1]
-    if any(kind == "list" for part in (*before, element) for _, kind in part.properties):
-        raise InputError(f"'{path}' has list properties, as a mesh has; a splat PLY has only scalars.")
-    if len({name for name, _ in element.properties}) < len(element.properties):
-        raise InputError(f"'{path}' names a property of its {name} element twice.")
-    if element.count == 0 or not element.properties:
-        raise InputError(f"'{path}' holds zero Gaussians.")
-    if header.encoding == "ascii":
-        return _ascii_columns(path, header, element, before)
-    return _binary_columns(path, header, element, before)
 
 
 def _parse_header(file: BinaryIO, path: Path) -> Header:
@@ -269,44 +252,50 @@ def _parse_header(file: BinaryIO, path: Path) -> Header:
     return Header(encoding, tuple(Element(name, count, tuple(props)) for name, count, props in elements), file.tell())
 
 
-def property_line(name: str, kind: str) -> str:
-    """Return the header's line for a column of a NumPy type such as '<f4'.
+def read_table(path: Path, header: Header, name: str = "vertex") -> NDArray[Any]:
+    """Return all columns of one element, the vertices if not named, as a structured array (N,) that nobody writes to.
 
     Raises:
-        ValueError: a PLY has no such type, or cannot hold the name.
+        InputError: the element is missing, it or one before it has list properties, or the file is truncated.
     """
-    ply_types = {code: word for word, code in _SCALAR_TYPES.items() if not word[-1].isdigit()}
-    if kind[1:] not in ply_types or not name.isascii() or len(name.split()) != 1:
-        raise ValueError(f"A PLY cannot hold a column '{name}' of type {kind}; cast it to float32, int32 or uint8.")
-    return f"property {ply_types[kind[1:]]} {name}\n"
+    names = [element.name for element in header.elements]
+    if name not in names:
+        raise InputError(f"'{path}' has no {name} element, so it holds no Gaussians.")
+    *before, element = header.elements[: names.index(name) + 1]
+    if any(kind == "list" for part in (*before, element) for _, kind in part.properties):
+        raise InputError(f"'{path}' has list properties, as a mesh has; a splat PLY has only scalars.")
+    if len(dict(element.properties)) < len(element.properties):
+        raise InputError(f"'{path}' names a property of its {name} element twice.")
+    if element.count == 0 or not element.properties:
+        raise InputError(f"'{path}' holds zero Gaussians.")
+    if header.encoding == "ascii":
+        table = _ascii_table(path, header, element, sum(part.count for part in before))
+    else:
+        start = header.size + sum(part.count * header.row_type(part).itemsize for part in before)
+        table = _binary_table(path, header, element, start)
+    table.flags.writeable = False
+    return table
 
 
-def _row_type(header: Header, element: Element) -> np.dtype[Any]:
-    order = "<" if header.encoding == "binary_little_endian" else ">"
-    return np.dtype([(f"{i}", order + kind) for i, (_, kind) in enumerate(element.properties)])
-
-
-def _binary_columns(path: Path, header: Header, element: Element, before: list[Element]) -> dict[str, NDArray[Any]]:
-    row_type = _row_type(header, element)
-    start = header.size + sum(part.count * _row_type(header, part).itemsize for part in before)
+def _binary_table(path: Path, header: Header, element: Element, start: int) -> NDArray[Any]:
+    """Return the rows of an element that begin at a byte of the file."""
+    row_type = header.row_type(element)
     needed, present = element.count * row_type.itemsize, max(0, path.stat().st_size - start)
     if present < needed:
         raise InputError(
             f"'{path}' is truncated: {element.count} Gaussians need {needed} bytes after the header, not {present}."
         )
-    names = [name for name, _ in element.properties]
-    all_float = all(row_type[i] == np.dtype("<f4") for i in range(len(names)))
-    table = np.empty((element.count, len(names)), "<f4") if all_float else np.empty(element.count, row_type)
+    table = np.empty(element.count, row_type)
     with path.open("rb") as file:
         file.seek(start)
         read_into(table, file, path)
-    table.flags.writeable = False
-    return {name: table[:, i] if all_float else table[f"{i}"] for i, name in enumerate(names)}
+    return table
 
 
-def _ascii_columns(path: Path, header: Header, element: Element, before: list[Element]) -> dict[str, NDArray[Any]]:
+def _ascii_table(path: Path, header: Header, element: Element, first: int) -> NDArray[Any]:
+    """Return the rows of an element that begin at a line of the data."""
     # Two characters a value are the least that ascii takes, so a count beyond that is a lie that must not cost memory.
-    width, first = len(element.properties), sum(part.count for part in before)
+    width = len(element.properties)
     if first + element.count * width * 2 > path.stat().st_size:
         raise InputError(f"'{path}' is truncated: it is too short for the {element.count} Gaussians that it announces.")
     with path.open("rb") as file, warnings.catch_warnings():
@@ -322,4 +311,4 @@ def _ascii_columns(path: Path, header: Header, element: Element, before: list[El
             f"'{path}' is truncated or damaged: {element.count} rows of {width} numbers are announced, "
             f"{table.shape[0]} rows of {table.shape[1]} are there."
         )
-    return {name: table[:, i].astype(kind) for i, (name, kind) in enumerate(element.properties)}
+    return unstructured_to_structured(table, header.row_type(element))

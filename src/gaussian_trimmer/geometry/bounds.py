@@ -8,8 +8,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import up_frame
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, ellipsoid_points
-from gaussian_trimmer.geometry.components import connected_bodies
-from gaussian_trimmer.geometry.neighbours import nearest
+from gaussian_trimmer.geometry.graphs import connected_bodies, nearest
 
 _VOXELS_ACROSS = 16
 _DOMINANT_SHARE = 0.5

@@ -15,7 +15,7 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
 from gaussian_trimmer.geometry.bounds import BOUND_PERCENTILES, Bounds
-from gaussian_trimmer.geometry.components import connected_points
+from gaussian_trimmer.geometry.graphs import connected_points
 from gaussian_trimmer.geometry.planes import Plane, densest_layer
 from gaussian_trimmer.settings import Range, Share
 

@@ -1,41 +1,83 @@
-"""Results appear whole or not at all: single files, and folders that replace earlier results and nothing else.
-
-While results are being made, they wait in `.gaussian-trimmer.part/new` in their folder. At the end, the files that the
-manifest of an earlier run lists move to `.gaussian-trimmer.part/old`, the new ones take their places, the manifest
-last, and the old ones are deleted. Whatever fails before the manifest is in place moves everything back; of a run that
-was killed, the next one does.
-"""
+"""Files that appear whole or not at all, and signals that become an exception, so that what was begun is removed."""
 
 from __future__ import annotations
 
-import errno
 import json
 import os
-import shutil
+import signal
 import time
-from collections.abc import Iterable, Iterator, Sequence
+import unicodedata
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from gaussian_trimmer.errors import FolderInUseError, InputError, OutputExistsError
-from gaussian_trimmer.io.manifest import MANIFEST, earlier_results, files_in, has_size, listed_sizes, write_manifest
-from gaussian_trimmer.io.stop_signals import note_written
+from gaussian_trimmer.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-import unicodedata
 
-_HIDDEN_PREFIX = ".gaussian-trimmer"
-_LOCK = f"{_HIDDEN_PREFIX}.lock"
-_STAGING = f"{_HIDDEN_PREFIX}.part"
-_LOCK_WAIT_SECONDS = 0.2
+HIDDEN_PREFIX = ".gaussian-trimmer"
+STAGING = f"{HIDDEN_PREFIX}.part"
+"""Folder in which the results of a run wait until they are whole."""
 _SECONDS_UNTIL_LEFT_OVER = 24 * 3600.0
 _LONGEST = 150
 """Bytes; file systems allow 255, of which endings take some."""
 _DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{number}" for port in ("com", "lpt") for number in range(10))}
 """Names that Windows keeps for devices, whatever ending they have."""
+
+
+_written: dict[Path, None] | None = None
+"""Files and folders that have been written whole since signals are raised, in order; None while they are not."""
+
+
+class Stopped(KeyboardInterrupt):
+    """A signal, whose number is the first argument, has asked the process to stop; a second says what that means.
+
+    After a plain KeyboardInterrupt in `exec`, as in every dataclass, Python ends by SIGINT even if it was caught.
+    """
+
+
+@contextmanager
+def stop_signals_raised() -> Iterator[list[int]]:
+    """Raise `Stopped` when a signal asks the process to stop; yields the list of the signals that came.
+
+    Whoever finds a signal in the list knows that an error of any type may be the interruption: amid an import it often
+    ends in another one. Signals that are ignored, as under `nohup`, or handled by someone else stay so, and outside the
+    main thread nothing changes.
+    """
+    global _written
+    received: list[int] = []
+    before = {}
+    _written = {}
+
+    def stop(number: int, frame: object) -> None:
+        received.append(number)
+        raise Stopped(number)
+
+    try:
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, None)  # Windows has no SIGHUP
+            if number and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+                with suppress(ValueError):  # in another thread
+                    before[number] = signal.signal(number, stop)
+        yield received
+    finally:
+        _written = None
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def note_written(path: Path) -> None:
+    """Note that a file or folder has been written whole, for whoever says that the command was stopped."""
+    if _written is not None:
+        _written[path] = None
+
+
+def written() -> list[Path]:
+    """Return what has been written whole since signals are raised."""
+    return list(_written or ())
 
 
 @contextmanager
@@ -46,21 +88,29 @@ def atomic_file(path: Path) -> Iterator[Path]:
         InputError: the folder does not exist or cannot be written to, the disk is full, or `path` is a symbolic link,
             a folder or a device.
     """
-    part = path.parent / f"{_HIDDEN_PREFIX}-{os.urandom(6).hex()}.part"
+    part = path.parent / f"{HIDDEN_PREFIX}-{os.urandom(6).hex()}.part"
     try:
         if os.path.lexists(path) and (path.is_symlink() or not path.is_file()):
             raise InputError(f"Cannot write '{path}': it is not a regular file; choose another name.")
-        remove_leftovers(path.parent)
+        remove_old_parts(path.parent)
         part.touch(exist_ok=False)
         yield part
         part.replace(path)
-        if _STAGING not in path.parts:
+        if STAGING not in path.parts:
             note_written(path)
     except OSError as error:
         raise InputError(f"Cannot write '{path}': {error.strerror or error}.") from error
     finally:
         with suppress(OSError):
             part.unlink()
+
+
+def remove_old_parts(folder: Path) -> None:
+    """Remove temporary files that dead runs have left in a folder, and that are a day old."""
+    with suppress(OSError):
+        for part in folder.glob(f"{HIDDEN_PREFIX}-*.part"):
+            if time.time() - part.lstat().st_mtime > _SECONDS_UNTIL_LEFT_OVER:
+                part.unlink()
 
 
 def make_folder(folder: Path) -> None:
@@ -101,210 +151,6 @@ def write_array(file: BinaryIO, array: NDArray[Any]) -> None:
         OSError: not all bytes could be written.
     """
     file.write(array.data if array.flags.c_contiguous else array.tobytes())
-
-
-@contextmanager
-def atomic_folder(
-    folder: Path,
-    kind: str,
-    *,
-    names: Sequence[str] = (),
-    inputs: Iterable[Path] = (),
-    source: Path | None = None,
-    overwrite: bool = False,
-) -> Iterator[Path]:
-    """Yield a temporary folder to write to; its files move to `folder` on success and vanish on failure.
-
-    `manifest.json` lists what was written. A later run replaces these files, as long as they have the size they were
-    written with; every other file belongs to the user and stays.
-
-    Args:
-        folder: where the results go; it is made if it does not exist, and removed again on failure.
-        kind: what writes the folder; only results of the same kind are replaced.
-        names: glob patterns of the files to come, so that a file in the way is found before anything is computed.
-        inputs: files that this run reads, or folders of such files.
-        source: the file or folder that the results are made of, which the manifest names.
-        overwrite: replace the results of an earlier run.
-
-    Raises:
-        InputError: the folder is not empty and may not be overwritten, is a file, cannot be written to, or another run
-            writes to it; a file that is not an earlier result is in the way; or an earlier result is an input.
-    """
-    missing: list[Path] = []
-    try:
-        with _os_errors_reported(folder):
-            target = Path(os.path.realpath(folder))
-            staging = target / _STAGING
-            missing = [place for place in (staging, *staging.parents) if not place.exists()]
-            staging.mkdir(parents=True, exist_ok=True)
-        with _locked(target, folder):
-            try:
-                with _os_errors_reported(folder):
-                    _recover(target)
-                    _refuse_files(target, folder, overwrite)
-                    earlier = earlier_results(target, kind)
-                    found = (path for pattern in names for path in target.glob(pattern))
-                    _refuse_conflicts(target, [path.relative_to(target).as_posix() for path in found], earlier)
-                    _refuse_inputs(target, earlier, inputs)
-                    (staging / "new").mkdir(parents=True)
-                yield staging / "new"
-                with _os_errors_reported(folder, "what was there is unchanged"):
-                    write_manifest(staging / "new", kind, source)
-                    _swap(target, earlier_results(target, kind) if overwrite else [])
-                    note_written(folder)
-            finally:
-                _discard(staging)
-    finally:
-        for place in missing:
-            with suppress(OSError):  # It holds the results.
-                place.rmdir()
-
-
-def remove_leftovers(folder: Path) -> None:
-    """Give back what dead runs have moved in a folder; remove their results and temporary files that are a day old."""
-    with suppress(OSError, InputError):
-        for part in folder.glob(f"{_HIDDEN_PREFIX}-*.part"):
-            if time.time() - part.lstat().st_mtime > _SECONDS_UNTIL_LEFT_OVER:
-                part.unlink()
-        if (folder / _STAGING).is_dir() or (folder / _LOCK).exists():
-            with _locked(folder, folder):
-                _recover(folder.resolve())
-
-
-@contextmanager
-def _os_errors_reported(folder: Path, cure: str = "choose another folder") -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        place = f" '{error.filename}'" if error.filename and str(error.filename) != str(folder) else ""
-        raise InputError(f"Cannot write to '{folder}': {error.strerror or error}{place}; {cure}.") from error
-
-
-@contextmanager
-def _locked(target: Path, shown: Path) -> Iterator[None]:
-    """Hold the lock of a folder, which the system releases when the process dies."""
-    from filelock import FileLock, Timeout  # late, since most commands need neither it nor its import
-
-    path = target / _LOCK
-    lock = FileLock(path, timeout=_LOCK_WAIT_SECONDS, thread_local=False)
-    with _os_errors_reported(shown):
-        try:
-            lock.acquire()
-        except Timeout as error:
-            raise FolderInUseError(
-                f"Another run is writing to '{shown}' (it has locked '{path}'); wait until it ends, or choose another "
-                "folder."
-            ) from error
-    try:
-        yield
-    finally:
-        with suppress(OSError):
-            path.unlink()  # while it is locked, so that it is not the file of the next run
-        lock.release()
-
-
-def _refuse_files(target: Path, shown: Path, overwrite: bool) -> None:
-    if not overwrite and any(not path.name.startswith(_HIDDEN_PREFIX) for path in target.iterdir()):
-        raise OutputExistsError(shown)
-
-
-def _refuse_conflicts(target: Path, coming: Iterable[str], earlier: Sequence[str]) -> None:
-    for name in coming:
-        path = target / name
-        if path.parent.resolve() != path.parent:
-            raise InputError(
-                f"'{path.parent}' is a symbolic link where the results need a folder; remove it, or choose another "
-                "output folder."
-            )
-        if name not in earlier and os.path.lexists(path):
-            raise InputError(
-                f"'{path}' is in the way of a result, and was not written by this program or has changed since; move "
-                "it away, or choose another output folder."
-            )
-
-
-def _refuse_inputs(target: Path, earlier: Iterable[str], inputs: Iterable[Path]) -> None:
-    replaced = {(target / name).resolve() for name in earlier}
-    for given in inputs:
-        for path in given.iterdir() if given.is_dir() else [given]:
-            if path.resolve() in replaced:
-                raise InputError(
-                    f"'{path}' is an input of this run and belongs to the earlier results in '{target}' that would be "
-                    "replaced; choose another output folder."
-                )
-
-
-def _swap(target: Path, earlier: Sequence[str]) -> None:
-    """Move the earlier results into the staging folder and the new ones out of it, or leave everything as it was."""
-    new, old = target / _STAGING / "new", target / _STAGING / "old"
-    coming = sorted(files_in(new), key=lambda name: name == MANIFEST)
-    _refuse_conflicts(target, coming, earlier)
-    moves = [(target / name, old / name) for name in earlier] + [(new / name, target / name) for name in coming]
-    try:
-        for source, goal in moves:
-            goal.parent.mkdir(parents=True, exist_ok=True)
-            source.rename(goal)
-    except BaseException:
-        _move_back(target)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
-    _remove_empty_parents(target, earlier)
-
-
-def _move_back(target: Path) -> None:
-    """Undo the moves of a swap that did not end, as far as files still are what it moved.
-
-    Raises:
-        InputError: an earlier result cannot be moved back.
-    """
-    new, old = target / _STAGING / "new", target / _STAGING / "old"
-    sizes = listed_sizes(new)
-    coming = [name for name, size in sizes.items() if not os.path.lexists(new / name) and has_size(target, name, size)]
-    moves = [(target / name, new / name) for name in coming] + [(old / name, target / name) for name in files_in(old)]
-    try:
-        for source, goal in moves:
-            if os.path.lexists(goal):
-                raise FileExistsError(errno.EEXIST, f"another file is at '{goal}'")
-            goal.parent.mkdir(parents=True, exist_ok=True)
-            source.rename(goal)
-    except OSError as error:
-        raise InputError(
-            f"Earlier results of '{target}' cannot be moved back from '{old}': {error.strerror or error}; mend that, "
-            "and run again."
-        ) from error
-    _remove_empty_parents(target, sizes)
-
-
-def _recover(target: Path) -> None:
-    """Undo a swap that was killed, unless its manifest, which moves last, is in place; remove its staging folder."""
-    if os.path.lexists(target / _STAGING / "new" / MANIFEST):
-        _move_back(target)
-    _discard(target / _STAGING)
-
-
-def _discard(staging: Path) -> None:
-    """Remove the staging folder, unless it holds earlier results that could not be moved back."""
-    if os.path.lexists(staging / "new" / MANIFEST) and files_in(staging / "old"):
-        return
-    with suppress(OSError):  # first, since it says that files which are not in the folder have been moved
-        (staging / "new" / MANIFEST).unlink()
-    shutil.rmtree(staging, ignore_errors=True)
-
-
-def _remove_empty_parents(folder: Path, names: Iterable[str]) -> None:
-    parents = {parent for name in names for parent in Path(name).parents} - {Path()}
-    for parent in sorted(parents, key=lambda parent: -len(parent.parts)):
-        with suppress(OSError):
-            (folder / parent).rmdir()
-
-
-def save_array(selection: NDArray[Any], path: Path) -> None:
-    """Write an .npy file; unlike `np.save`, this notices everywhere that a disk is full.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    write_whole(path, npy_bytes(selection))
 
 
 def npy_bytes(array: NDArray[Any]) -> bytes:

@@ -12,7 +12,8 @@ import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.writing import atomic_folder, write_json, write_whole
+from gaussian_trimmer.io.folders import atomic_folder
+from gaussian_trimmer.io.writing import write_json, write_whole
 from gaussian_trimmer.output.pages import report_page
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
 from gaussian_trimmer.output.report import describe, file_stems

@@ -21,8 +21,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, IntArray, ellipsoid_points
-from gaussian_trimmer.geometry.components import connected_pairs
-from gaussian_trimmer.geometry.neighbours import nearest
+from gaussian_trimmer.geometry.graphs import connected_pairs, nearest
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
 from gaussian_trimmer.removal.views import RemovalViews
 from gaussian_trimmer.views.view import TOUCHING_RADII

@@ -23,7 +23,7 @@ from gaussian_trimmer.gaussians import (
     ellipsoid_points,
     mask_of_rows,
 )
-from gaussian_trimmer.geometry.components import connected_bodies
+from gaussian_trimmer.geometry.graphs import connected_bodies
 from gaussian_trimmer.output.pictures import zoomed
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selecting.corrections import correct_at_click

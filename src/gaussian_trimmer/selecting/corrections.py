@@ -13,7 +13,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.geometry.distances import distance_to_outside
+from gaussian_trimmer.geometry.graphs import distance_to_outside
 from gaussian_trimmer.selecting.marks import Effect
 from gaussian_trimmer.selecting.selection import Seed
 from gaussian_trimmer.surface.surface_graph import SurfaceCut, SurfaceGraph, build_surface_graph

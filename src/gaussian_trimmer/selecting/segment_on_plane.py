@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray, mask_of_rows
-from gaussian_trimmer.geometry.components import connected_points
-from gaussian_trimmer.geometry.neighbours import nearest
+from gaussian_trimmer.geometry.graphs import connected_points, nearest
 from gaussian_trimmer.geometry.planes import densest_layer, median_radius
 from gaussian_trimmer.parallel import parallel_map
 

@@ -10,7 +10,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera, Viewpoint, up_frame
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
-from gaussian_trimmer.geometry.neighbours import nearest
+from gaussian_trimmer.geometry.graphs import nearest
 from gaussian_trimmer.rendering import blend_weights, render, top_contributors
 from gaussian_trimmer.selecting.marks import Box3D, Coordinates, Sphere, Stroke
 from gaussian_trimmer.surface.viewed_scene import CONTRIBUTORS, small_view, surface_depths, surface_points

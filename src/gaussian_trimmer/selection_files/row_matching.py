@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.packing import finite_log_scales, finite_opacity_logits
-from gaussian_trimmer.formats.ply import read_columns, read_header
+from gaussian_trimmer.formats.ply import read_header, read_table
 from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, Gaussians, IntArray, sigmoid
 
 _CHANGED_BY_MOVING = ("x", "y", "z", "scale_0", "scale_1", "scale_2")
@@ -180,7 +180,7 @@ def _neighbours(
     """
     if not len(wanted) or not len(scene) or any(name not in rows for name in _COMPARED_NEARBY):
         return
-    from gaussian_trimmer.geometry.neighbours import nearest  # late, since most files match exactly
+    from gaussian_trimmer.geometry.graphs import nearest  # late, since most files match exactly
 
     mine, theirs = _features(rows, wanted), _features(gaussian_columns(scene), slice(None))
     places = np.column_stack([np.asarray(rows[axis][wanted], np.float32) for axis in "xyz"])
@@ -209,12 +209,12 @@ def read_splat_columns(path: Path) -> Columns:
     """
     if path.suffix.lower() == ".ply":
         header = read_header(path)
-        vertices = (element for element in header.elements if element.name == "vertex")
-        if any(name == "x" for element in vertices for name, _ in element.properties):
-            columns = read_columns(path, header)
-            if missing := {"y", "z"} - columns.keys():
+        names = header.names("vertex")
+        if "x" in names:
+            if missing := {"y", "z"} - {*names}:
                 raise InputError(f"'{path}' has no property {min(missing)}, so its rows cannot be told apart.")
-            return columns
+            table = read_table(path, header)
+            return {name: table[name] for name in names}
     gaussians = formats.read(path)
     return {**gaussian_columns(gaussians), **gaussians.extras}
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
 from gaussian_trimmer.geometry.compiling import CACHE
-from gaussian_trimmer.geometry.components import connected_pairs
+from gaussian_trimmer.geometry.graphs import connected_pairs
 from gaussian_trimmer.surface.room_surfaces import Room
 from gaussian_trimmer.surface.surface_estimates import COLOURS, blurred_histograms
 from gaussian_trimmer.surface.visible_surface import VisibleSurface

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.geometry.neighbours import nearest
+from gaussian_trimmer.geometry.graphs import nearest
 
 _EDGE_NEIGHBOURS, _ESTIMATE_NEIGHBOURS = 10, 17
 """Number of neighbours on edges, and of Gaussians that colour and normal are estimated from."""

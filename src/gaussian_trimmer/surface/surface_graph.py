@@ -27,9 +27,7 @@ from gaussian_trimmer.gaussians import (
     mask_of_rows,
     rotation_matrices,
 )
-from gaussian_trimmer.geometry.components import connected_points
-from gaussian_trimmer.geometry.min_cut import min_cut
-from gaussian_trimmer.geometry.neighbours import nearest
+from gaussian_trimmer.geometry.graphs import connected_points, min_cut, nearest
 from gaussian_trimmer.surface.surface_estimates import (
     colour_bins,
     colour_evidence,

@@ -15,7 +15,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera, CameraSet, Viewpoint, training_cameras, up_frame
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray, rotation_matrices
-from gaussian_trimmer.geometry.neighbours import nearest
+from gaussian_trimmer.geometry.graphs import nearest
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.surface.overview import drawn_part, plan_overview
 from gaussian_trimmer.surface.surface_estimates import SurfaceEstimates, colour_bins, directions_to, estimate_surface

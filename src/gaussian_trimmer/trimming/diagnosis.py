@@ -13,8 +13,8 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.geometry.graphs import nearest
 from gaussian_trimmer.geometry.limits import lost_places
-from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.geometry.planes import median_radius
 from gaussian_trimmer.geometry.storey import find_storey, sampled
 from gaussian_trimmer.trimming.up_vector import KNOWN_SOURCES, UpVector, up_from_ground_plane

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians, IntArray, logit, sigmoid
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.geometry.neighbours import nearest
+from gaussian_trimmer.geometry.graphs import nearest
 from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, attached_to_object, find_support_plane
 from gaussian_trimmer.settings import Range, Weight
 from gaussian_trimmer.views.view import MIN_SEEN_PIXELS

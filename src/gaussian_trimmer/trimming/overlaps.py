@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaussian_trimmer.gaussians import Gaussians, IntArray, LabelArray
-from gaussian_trimmer.geometry.neighbours import nearest
+from gaussian_trimmer.geometry.graphs import nearest
 
 _VOTING_NEIGHBOURS = 8
 """Number of nearest Gaussians that decide to which of several objects one belongs."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.geometry.distances import distance_to_outside
+from gaussian_trimmer.geometry.graphs import distance_to_outside
 from gaussian_trimmer.geometry.split import SPLIT_RULES
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering import blend_weights, top_contributors
