@@ -1,23 +1,20 @@
 """The app in a real browser. One short way through it is in every run; the others take minutes and are slow."""
 
 import base64
-import shlex
 
 import numpy as np
 import pytest
 from app_tab import Tab, until
 from browser import chromium
-from command_line import run
 
 from gaussian_trimmer import formats, sample
-from gaussian_trimmer.selecting.marks import Box3D
 
 pytestmark = pytest.mark.needs("browser", "viser")
 
 UP = np.array([0, 0, 0.16])
 SHOWN = 4000
 """Gaussians that are shown: software rendering of all of them takes seconds."""
-LAPTOP, SMALL, LARGE = (1280, 720), (1000, 640), (1920, 1080)
+SMALL = (1000, 640)
 
 
 @pytest.fixture(scope="module")
@@ -82,10 +79,6 @@ def finish(app):
     until(lambda: not app.controller.jobs.worker.busy, "the program to finish")
 
 
-def size_in_pixels(tab, lighthouse):
-    return abs(tab.place(lighthouse + UP)[1] - tab.place(lighthouse)[1])
-
-
 @pytest.mark.smoke
 def test_who_sees_the_app_for_the_first_time_cuts_the_sample_out(browser, lighthouse, tmp_path):
     """Only with what the page itself says: open, click, cut out, and download."""
@@ -108,12 +101,9 @@ def test_who_sees_the_app_for_the_first_time_cuts_the_sample_out(browser, lighth
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("size", [LAPTOP, LARGE])
-def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(
-    browser, app, lighthouse, tmp_path, monkeypatch, size
-):
+def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(browser, app, lighthouse, tmp_path):
     panels, session = app.controller.panels, app.controller.session
-    tab = Tab(browser, app, *size)
+    tab = Tab(browser, app, 1280, 720)
     tab.wait("59,472 Gaussians")
     before = tab.until_colour(lighthouse, lambda colour: colour.max() > 100)  # once it has faded in
     marked(tab, lighthouse)
@@ -143,34 +133,26 @@ def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(
     x, y = tab.place(lighthouse)
     tab.page.mouse.move(x, y)
     assert float(tab.page.locator("#gesture-overlay circle").first.get_attribute("r")) == panels.brush.value
-    assert tab.page.locator("#gesture-overlay text").text_content() == "+"
     tab.page.keyboard.down("Control")
     drag(tab, (x - 30, y), (x + 30, y))
     tab.page.keyboard.up("Control")
     until(lambda: session.now.object.fresh not in (None, first), "the corrected object")
     assert len(session.now.object.fresh.object) < len(first.object)
-    assert panels.showing.part == "Object"
-
-    tab.page.get_by_label("For", exact=True).select_option("Unreal")
-    with tab.page.expect_download() as download:
-        tab.press("Download: Object")
-    download.value.save_as(tmp_path / "unreal.ply")
-    upright, lying = formats.read(tmp_path / "unreal.ply"), session.now.object.fresh.object
-    np.testing.assert_allclose(upright.opacity_logits, lying.opacity_logits, atol=1e-5)
-    np.testing.assert_allclose(upright.means.max(axis=0)[1], 0, atol=0.05)  # it stands on the origin, y down
-    np.testing.assert_allclose(np.ptp(upright.means[:, 1]), np.ptp(lying.means[:, 2]), rtol=0.05)
 
     tab.press("Scene without it")
     tab.until_colour(beside, lambda colour: colour.min() < 200)
-    tab.page.keyboard.press("m")  # keys work after a button was pressed
-    until(lambda: panels.taking.value == "Centres", "the key to be heard")
+    finish(app)
+    without = tab.colour(lighthouse)
+    tab.page.keyboard.down("Space")  # keys work after a button was pressed
+    tab.page.locator(".gt-compared").get_by_text("With it").wait_for()
+    tab.until_colour(lighthouse, lambda colour: np.abs(colour - without).max() > 40)
+    tab.page.keyboard.up("Space")
     tab.page.reload()
     tab.wait("Scene without it")
     (tab.client,) = until(lambda: list(app.server.get_clients()), "the page to come back")
     assert session.now.object.fresh is not None  # nothing is lost
 
     tab.until_said(lambda: tab.page.keyboard.press("Control+z"), "Undone: mark (brush).")
-    assert session.now.object.fresh is first
     tab.page.keyboard.press("Control+Shift+z")
     tab.wait("Done again: mark (brush).")
     tab.write("Folder", str(tmp_path / "by app"))
@@ -179,46 +161,19 @@ def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(
     line, picture = (tab.page.locator(which).first.bounding_box() for which in ("[role=status]", "canvas"))
     assert line["x"] < picture["x"] + 40 and line["x"] + line["width"] < picture["x"] + picture["width"]
     assert 0.75 * picture["height"] < line["y"] + line["height"] < picture["height"]  # it is never scrolled away
-    assert tab.page.locator("[role=status] span button").text_content() == str(tmp_path / "by app")
-    command = tab.page.locator("textarea").first.input_value()
-    monkeypatch.chdir(tmp_path)
-    assert run(*shlex.split(command)[1:], "--quiet") == 0
-    for file in sorted((tmp_path / "again").rglob("*")):
-        if file.is_file() and file.name not in ("report.json", "manifest.json"):
-            assert file.read_bytes() == (tmp_path / "by app" / file.relative_to(tmp_path / "again")).read_bytes(), file
+    assert str(tmp_path / "by app" / "report.json") in tab.page.locator("textarea").first.input_value()
     assert tab.errors == []
 
 
 @pytest.mark.slow
-def test_the_scene_with_the_object_and_without_it_blink_while_a_key_is_held(browser, app, lighthouse):
-    session = app.controller.session
-    tab = Tab(browser, app, *SMALL)
-    tab.wait("59,472 Gaussians")
-    app.controller.load(str(sample.SELECTION))
-    tab.wait("Gaussians selected")
-    tab.press("Scene without it")
-    until(lambda: session.now.object.fresh is not None, "the scene without it")
-    finish(app)
-    tab.page.wait_for_timeout(2000)
-    without = tab.colour(lighthouse)
-    tab.page.keyboard.down("Space")
-    tab.page.locator(".gt-compared").get_by_text("With it").wait_for()
-    tab.until_colour(lighthouse, lambda colour: np.abs(colour - without).max() > 40)
-    tab.page.keyboard.up("Space")
-    tab.until_colour(lighthouse, lambda colour: np.abs(colour - without).max() < 8)
-    until(lambda: not tab.page.locator(".gt-compared").is_visible(), "the name to go")
-    assert tab.errors == []
-
-
-@pytest.mark.slow
-def test_box_lasso_polygon_box_in_space_and_up_by_points(browser, app, lighthouse):
+def test_box_lasso_polygon_and_up_by_points(browser, app, lighthouse):
     session = app.controller.session
     tab = Tab(browser, app, *SMALL)
     tab.wait("59,472 Gaussians")
     tab.press("Box")
     tab.wait("Drag a box")
-    size = size_in_pixels(tab, lighthouse)
     x, y = tab.place(lighthouse)
+    size = abs(tab.place(lighthouse + UP)[1] - y)
     drag(tab, (x - 0.6 * size, y - 1.1 * size), (x + 0.6 * size, y + 1.1 * size))
     tab.wait("Gaussians selected")
     by_box = session.now.object.n_selected
@@ -239,14 +194,6 @@ def test_box_lasso_polygon_box_in_space_and_up_by_points(browser, app, lighthous
     until(lambda: session.now.object.n_selected > by_lasso, "what the polygon adds")
     assert [type(mark).__name__ for mark in session.now.object.marks] == ["Box", "Rows", "Rows"]
 
-    tab.press("Grow")
-    tab.wait(": grown.")
-    tab.page.keyboard.press("x")
-    tab.wait("Drag the box")
-    finish(app)
-    tab.press("Apply the box")
-    until(lambda: any(isinstance(mark, Box3D) for mark in session.now.object.marks), "the box in space")
-
     tab.panel("File")
     tab.press("Up by three clicks on the ground")
     tab.wait("Click three points on the ground.")
@@ -255,9 +202,6 @@ def test_box_lasso_polygon_box_in_space_and_up_by_points(browser, app, lighthous
         tab.until_said(lambda place=place: click(tab, place), said)
     until(lambda: session.now.up.source == "given", "the up vector")
     assert session.now.up.direction[2] > 0.98
-    tab.press("-Z")
-    camera = app.server.get_clients()[tab.client].camera
-    until(lambda: camera.up_direction[2] < -0.98, "the view to turn")
     assert tab.errors == []
 
 

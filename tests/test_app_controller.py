@@ -3,6 +3,7 @@
 import io
 import threading
 import zipfile
+from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -11,7 +12,6 @@ import numpy as np
 import pytest
 import toy
 from app_session import BALL, FLOOR
-from command_line import save_ball
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits
@@ -21,7 +21,7 @@ from gaussian_trimmer.app.files import ALL_FILES, DOWNLOADS, OBJECT, WITHOUT
 from gaussian_trimmer.app.page import Gesture
 from gaussian_trimmer.app.showing import Event, Showing
 from gaussian_trimmer.app.viewpoints import doubts, framed
-from gaussian_trimmer.cameras import look_at, up_frame
+from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.gaussians import quaternions_of
 from gaussian_trimmer.selecting.marks import Box3D, Sphere
 
@@ -31,26 +31,11 @@ TINY = Sphere((2.5, 2.5, 0.0), 0.3)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    path = tmp_path_factory.mktemp("ball")
-    save_ball(path)
-    return path
-
-
-@pytest.fixture(scope="module")
 def running(tmp_path_factory):
     from gaussian_trimmer.app.serving import serving
 
     with serving(None, None, port=0, state=tmp_path_factory.mktemp("state")) as app:
         yield app.controller
-
-
-@pytest.fixture
-def app(running, folder):
-    open_scene(running, folder / "scene.ply", folder / "cameras.json")
-    if running.session.now.has_work:
-        do(running, "Undo")  # the work of the test before
-    return running
 
 
 def finish(app):
@@ -71,8 +56,17 @@ def do(app, name):
 
 
 def open_scene(app, path, camera_path=""):
+    """Open a scene, without the work on it of an earlier test."""
     app.panels.path.value, app.panels.camera_path.value = str(path), str(camera_path)
     act(app.open)
+    if app.session.now.has_work:
+        do(app, "Undo")
+
+
+@pytest.fixture
+def app(running, ball):
+    open_scene(running, ball[0] / "scene.ply", ball[0] / "cameras.json")
+    return running
 
 
 def mark(app, *marks, event=Event.MARKED):
@@ -98,6 +92,43 @@ def gesture(app, tool, *places, effect=None):
     app.panels.tool.value = tool
     app.tools.heard(Gesture(tool, places, effect), tab(app))
     finish(app)
+
+
+@contextmanager
+def told(app, act):
+    """Have something done with the stages that the app has told so far whenever it tells one."""
+    stages, shown = [], app.panels.busy
+
+    def busy(doing, share):
+        stages.append(doing)
+        act(stages)
+        shown(doing, share)
+
+    app.panels.busy = busy
+    try:
+        yield stages
+    finally:
+        app.panels.busy = shown
+
+
+@pytest.fixture
+def looked(app, monkeypatch):
+    """Where the view was sent to: eyes and targets, in order."""
+    looked = []
+    monkeypatch.setattr(app.jobs.view, "look", lambda client, eye, target: looked.append((eye, target)))
+    return looked
+
+
+@pytest.fixture
+def wall(running, tmp_path):
+    """An open scene of a red wall with a green stripe: colours and means of its Gaussians."""
+    steps = np.linspace(-2, 2, 81)
+    means = toy.CENTRE + np.stack(np.meshgrid(steps, [0.0], steps, indexing="ij"), -1).reshape(-1, 3)
+    colours = np.where(np.abs(means[:, :1] - 1.2) < 0.6, (0.1, 0.7, 0.1), toy.RED)
+    colours[np.abs(means[:, 0]) > 1.85] = (0.85, 0.1, 0.1)
+    formats.write(toy.gaussians(means, (0.05, 0.02, 0.05), colours), tmp_path / "wall.ply")
+    open_scene(running, tmp_path / "wall.ply")
+    return colours, means
 
 
 EVERYWHERE = (0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)
@@ -127,7 +158,7 @@ def test_a_selection_grows_and_shrinks_by_what_is_seen_whatever_the_density(app,
     assert steps[1] == pytest.approx(2 * steps[0], rel=0.15)
 
 
-def test_names_and_modes_do_not_leak_from_scene_to_scene_and_work_is_kept(app, folder):
+def test_names_and_modes_do_not_leak_from_scene_to_scene_and_work_is_kept(app):
     panels = app.panels
     mark(app, BALL)
     panels.showing = Showing("Object", "Cut-out", "Own")
@@ -148,8 +179,7 @@ def test_names_and_modes_do_not_leak_from_scene_to_scene_and_work_is_kept(app, f
     assert app.session.now.object.name == "object 1"
     assert app.session.now.object.marks == (BALL,)  # the work that was kept
     do(app, "Undo")
-    assert not app.session.now.has_work
-    open_scene(app, folder / "scene.ply")
+    act(app.open)
     assert not app.session.now.has_work
 
 
@@ -214,36 +244,16 @@ def test_marks_made_meanwhile_go_before_the_trim_that_follows(app):
 def test_a_trim_that_follows_is_given_up_when_the_user_cancels_and_not_when_it_gives_way(app):
     mark(app, BALL)
     act(app.cut_out)
-    worker, stages, shown = app.jobs.worker, [], app.panels.busy
-
-    def busy(doing, share):
-        stages.append(doing)
-        if len(stages) > 4:
-            worker.cancel()
-
-    app.panels.busy = busy
-    try:
+    with told(app, lambda stages: len(stages) > 4 and app.jobs.worker.cancel()):
         gesture(app, controls.BRUSH, (0.5, 0.45), effect="remove")
-    finally:
-        app.panels.busy = shown
     assert app.session.now.object.stale and not app.jobs.due
 
 
 def test_the_ghost_stops_no_trim_that_follows(app):
     mark(app, BALL)
     act(app.cut_out)
-    stages, shown = [], app.panels.busy
-
-    def busy(doing, share):
-        stages.append(doing)
-        app.show_ghost(None, on=len(stages) % 2 == 1)
-        shown(doing, share)
-
-    app.panels.busy = busy
-    try:
+    with told(app, lambda stages: app.show_ghost(None, on=len(stages) % 2 == 1)) as stages:
         gesture(app, controls.BRUSH, (0.5, 0.45), effect="remove")
-    finally:
-        app.panels.busy = shown
     finish(app)
     assert app.session.now.object.fresh is not None
     assert stages.count("Cutting out again: plan") == 1
@@ -269,9 +279,6 @@ def test_two_states_are_compared_while_a_key_is_held(app):
     act(app.compare, view, on=True)
     assert presenter._shown["splats"][1] == Showing("Object", "Selection", "Own")
     assert panels.showing == shown  # which marks and results go by
-    app.jobs._moved(view)
-    finish(app)
-    assert presenter._shown["splats"] != drawn  # edges are judged by moving
     act(app.compare, view, on=False)
     assert presenter._shown["splats"] == drawn
     act(app.compare, view, on=True)
@@ -280,16 +287,20 @@ def test_two_states_are_compared_while_a_key_is_held(app):
 
 
 def test_the_box_in_space_is_around_the_selection_and_a_dragged_face_moves_alone(app):
-    session, view = app.session, app.jobs.view
+    session, view, up = app.session, app.jobs.view, app.session.now.up.direction
+
+    def chosen():
+        app.tools.choose(controls.BOX3D, tab(app))
+        finish(app)
+        return view.box_mark(up, "intersect")
+
+    mark(app, replace(chosen(), effect="add"))
+    assert session.now.object.n_selected  # where nothing is selected, it is around what is looked at
+    do(app, "Undo")
     mark(app, BALL)
-    selected = session.now.object.selected.mask
-    app.tools.choose(controls.BOX3D, tab(app))
-    finish(app)
-    up = session.now.up.direction
-    before = view.box_mark(up, "intersect")
+    selected, before = session.now.object.selected.mask, chosen()
     session.do(edits.mark, before, TINY)
     assert (session.now.object.selected.mask & selected).sum() == selected.sum()  # it cuts nothing off
-    assert view._box._edges.points.shape == (12, 2, 3)  # lines: faces would hide what is behind
     for number, axis, end in ((0, 0, "low"), (5, 2, "high")):
         face, sign = np.array(getattr(before, end)), 1 if end == "high" else -1
         view._box.drag_face(number, view._upright(up).to_viewer(face + sign * 0.5 * np.eye(3)[axis]))
@@ -304,18 +315,6 @@ def test_the_box_in_space_is_around_the_selection_and_a_dragged_face_moves_alone
     assert before.low[2] == pytest.approx(flat.low[2], abs=1e-5) and flat.high[2] > flat.low[2]
 
 
-def test_the_box_in_space_is_not_around_the_eye_where_nothing_is_selected(app):
-    app.tools.choose(controls.BOX3D, tab(app))
-    finish(app)
-    box = app.jobs.view.box_mark(app.session.now.up.direction, "add")
-    assert isinstance(box, Box3D)
-    eye = app.jobs.view.viewpoint(tab(app)).camera.centre
-    centre = np.add(box.low, box.high) / 2 @ up_frame(app.session.now.up.direction)
-    assert np.linalg.norm(centre - eye) > 0.7 * np.linalg.norm(np.subtract(box.high, box.low))
-    mark(app, box)
-    assert app.session.now.object.n_selected  # something is in it
-
-
 def test_up_turns_the_view(app):
     camera = app.jobs.server.initial_camera
     assert np.allclose(camera.up, (0, 0, 1))
@@ -326,56 +325,36 @@ def test_up_turns_the_view(app):
     assert np.allclose(camera.up, (0, 0, 1))
 
 
-def test_home_and_f_without_a_selection_look_as_at_first_and_what_is_cut_out_is_framed(app):
-    looked = []
-    app.jobs.view.look = lambda client, eye, target: looked.append((client, eye, target))
+def test_home_and_f_without_a_selection_look_as_at_first_and_what_is_cut_out_is_framed(app, looked):
     view = tab(app)
-    try:
-        act(app.focus, view)
-        act(app.focus, view, whole=True)
-        mark(app, BALL)
-        act(app.focus, view)
-        act(app.cut_out, view)
-    finally:
-        del app.jobs.view.look
+    act(app.focus, view)
+    act(app.focus, view, whole=True)
+    mark(app, BALL)
+    act(app.focus, view)
+    act(app.cut_out, view)
     home, also, selected, cut_out = looked
-    assert home == also == (view, *app._start)
-    for whole, (_, eye, target) in ((BALL.radius, selected), (toy.RADIUS, cut_out)):
+    assert home == also == app._start
+    for whole, (eye, target) in ((BALL.radius, selected), (toy.RADIUS, cut_out)):
         lowered = toy.CENTRE - target  # What is looked at stands above the picture's middle: the tools are below.
         assert np.allclose(lowered[:2], 0, atol=0.1) and 0 < lowered[2] < 0.3
         height = 2 * whole / np.linalg.norm(np.subtract(eye, target)) / (2 * np.tan(0.4))
         assert height == pytest.approx(0.8, abs=0.12)
 
 
-def test_what_is_doubtful_is_looked_at_one_after_the_other(app):
-    looked, said = [], []
-    app.jobs.view.look = lambda client, eye, target: looked.append(np.subtract(eye, target))
-    view = tab(app)
-    try:
+def test_what_is_doubtful_is_looked_at_one_after_the_other(app, looked):
+    said, view = [], tab(app)
+    act(app.look_at_doubt, view)
+    assert "has not been cut out" in app.panels.status_text and not looked
+    mark(app, BALL)
+    act(app.cut_out)
+    found = doubts(app.session.now.object.fresh)
+    for _ in range(len(found) + 1):
         act(app.look_at_doubt, view)
-        assert "has not been cut out" in app.panels.status_text and not looked
-        mark(app, BALL)
-        act(app.cut_out)
-        found = doubts(app.session.now.object.fresh)
-        for _ in range(len(found) + 1):
-            act(app.look_at_doubt, view)
-            said.append(app.panels.status_text)
-    finally:
-        del app.jobs.view.look
+        said.append(app.panels.status_text)
     assert said == [words for words, _ in found] + said[:1] and said
-    for seen, (_, away) in zip(looked, found, strict=False):
+    for (eye, target), (_, away) in zip(looked, found, strict=False):
+        seen = np.subtract(eye, target)
         assert seen @ away > 0.95 * np.linalg.norm(seen) * np.linalg.norm(away)
-
-
-def test_what_is_looked_at_fills_the_picture_and_strays_do_not_count():
-    scene, ball = toy.ball_on_floor()
-    camera = toy.camera_at((5, -9, 4))
-    seen = scene.select(np.flatnonzero(ball | (np.linalg.norm(scene.means, axis=1) > 12)))
-    eye, target = framed(seen, camera)
-    away = look_at(np.array(eye), np.array(target), toy.UP)
-    pixels, _ = replace(camera, world_to_camera=away).project(scene.means[ball].astype(np.float64))
-    assert np.ptp(pixels[:, 1]) == pytest.approx(0.76 * 200, rel=0.05)
-    assert pixels[:, 1].min() == pytest.approx(0.06 * 200, abs=1) and np.ptp(pixels[:, 0]) < 0.76 * 200
 
 
 def test_what_reaches_towards_the_eye_stays_in_the_picture():
@@ -390,54 +369,29 @@ def test_what_reaches_towards_the_eye_stays_in_the_picture():
     assert np.allclose(pixels.mean(axis=0), (100, 92), atol=5)
 
 
-def test_lasso_polygon_and_brush_take_what_they_are_drawn_over(app):
-    line, numbers = ((0.3, 0.3), (0.7, 0.3), (0.7, 0.7), (0.3, 0.7)), {}
-    for tool in (controls.LASSO, controls.POLYGON):
-        for reach in (controls.SURFACE, controls.THROUGH):
-            app.panels.reach.value = reach
-            gesture(app, tool, *line)
-            numbers[tool, reach] = app.session.now.object.n_selected
-            assert app.session.now.object.marks[-1].tool == tool.lower()
-            do(app, "Undo")
-    assert numbers[controls.LASSO, controls.SURFACE] == numbers[controls.POLYGON, controls.SURFACE]
-    assert 0 < numbers[controls.LASSO, controls.SURFACE] <= numbers[controls.LASSO, controls.THROUGH]
-    gesture(app, controls.SPHERE, (0.5, 0.45), (0.55, 0.45))
-    assert app.session.now.object.marks[-1].tool == "sphere" and app.session.now.object.n_selected
-
-
-def test_a_click_or_a_box_where_nothing_stands_marks_what_is_there(running, tmp_path):
-    steps = np.linspace(-2, 2, 81)
-    wall = toy.CENTRE + np.stack(np.meshgrid(steps, [0.0], steps, indexing="ij"), -1).reshape(-1, 3)
-    formats.write(toy.gaussians(wall, (0.05, 0.02, 0.05), toy.RED), tmp_path / "wall.ply")
-    open_scene(running, tmp_path / "wall.ply")
-    gesture(running, controls.CLICK, (0.5, 0.5))
-    assert 0 < running.session.now.object.n_selected <= len(wall)
-    do(running, "Undo")
-    gesture(running, controls.BOX, (0.4, 0.4), (0.6, 0.6))
-    assert 0 < running.session.now.object.n_selected < 0.3 * len(wall)
-    before = running.session.now
+def test_a_click_or_a_box_where_nothing_stands_marks_what_is_there(running, wall):
+    (colours, _), app = wall, running
+    before = app.session.now
+    gesture(app, controls.BOX, (0.4, 0.4), (0.6, 0.6))
+    assert 0 < app.session.now.object.n_selected < 0.3 * len(colours)
     for place in ((0.02, 0.02), (0.5, 0.5)):  # nothing is there; it is selected already
-        gesture(running, controls.CLICK, place)
-        said = running.panels.status_text
-        assert running.session.now is before and "--" not in said and not any(map(str.isdigit, said))
-    gesture(running, controls.BOX, (0.48, 0.4), (0.6, 0.6), effect="remove")
-    assert 0 < running.session.now.object.n_selected < before.object.n_selected  # a plain rectangle
+        before = app.session.now
+        gesture(app, controls.CLICK, place)
+        said = app.panels.status_text
+        assert app.session.now is before and "--" not in said and not any(map(str.isdigit, said))
+    gesture(app, controls.BOX, (0.48, 0.4), (0.6, 0.6), effect="remove")
+    assert 0 < app.session.now.object.n_selected < before.object.n_selected  # a plain rectangle
 
 
-def test_the_tolerance_dragged_after_a_click_makes_it_again_by_colour(running, tmp_path):
-    steps = np.linspace(-2, 2, 81)
-    wall = toy.CENTRE + np.stack(np.meshgrid(steps, [0.0], steps, indexing="ij"), -1).reshape(-1, 3)
-    colours = np.where(np.abs(wall[:, :1] - 1.2) < 0.6, (0.1, 0.7, 0.1), toy.RED)
-    colours[np.abs(wall[:, 0]) > 1.85] = (0.85, 0.1, 0.1)
-    formats.write(toy.gaussians(wall, (0.05, 0.02, 0.05), colours), tmp_path / "wall.ply")
-    open_scene(running, tmp_path / "wall.ply")
+def test_the_tolerance_dragged_after_a_click_makes_it_again_by_colour(running, wall):
+    colours, means = wall
     session, tolerance, taken = running.session, running.panels.tolerance, []
     gesture(running, controls.CLICK, (0.5, 0.5))
     for percent in (3, 100, 3):
         tolerance.enter(percent, tab(running))
         finish(running)
         taken.append(session.now.object.selected.mask)
-    red = (np.abs(colours - toy.RED).max(axis=1) < 0.03) & (wall[:, 0] < 1)
+    red = (np.abs(colours - toy.RED).max(axis=1) < 0.03) & (means[:, 0] < 1)
     assert np.array_equal(taken[0], red) and np.array_equal(taken[2], red) and taken[1].all()
     assert len(session.now.object.marks) == 1
     do(running, "Undo")  # one step, whatever was dragged
@@ -486,12 +440,6 @@ def test_a_click_on_another_objects_thing_goes_on_with_that_object(app):
     assert app.session.now.object.id == 2 and app.session.now.object.n_selected
 
 
-def test_all_that_is_shown_is_selected(app):
-    app.tools.change_selection("All", None)
-    finish(app)
-    assert app.session.now.object.selected.mask.all()
-
-
 def test_marks_reach_nothing_that_is_not_shown(app):
     mark(app, BALL)
     before = app.session.now
@@ -503,24 +451,20 @@ def test_marks_reach_nothing_that_is_not_shown(app):
     assert not (shown_rows(app.session.now, Showing()) & before.object.selected.mask).any()
     do(app, "Show all")
     assert shown_rows(app.session.now, Showing()).all()
-
-
-def test_keys_of_the_page_change_the_brush(app):
-    app.panels.brush.value = 24
-    for key, size in (("Larger brush", 30), ("Smaller brush", 24)):
-        do(app, key)
-        assert app.panels.brush.value == size
+    app.panels.showing = Showing()
+    app.tools.change_selection("All", None)
+    finish(app)
+    assert app.session.now.object.selected.mask.all()
 
 
 def test_objects_are_named_coloured_hidden_locked_chosen_and_deleted_by_their_numbers(app):
     do(app, "New object")
     for what, value in (("name", " my  ball "), ("colour", "#0a0b0c"), ("hidden", True), ("locked", True)):
         act(app.change_object, 1, what, value)
+    for what, value in (("name", "object 2"), ("colour", "red"), ("marks", "none"), ("name", None)):
+        act(app.change_object, 1, what, value)
     first = app.session.now.objects[0]
     assert (first.name, first.colour, first.hidden, first.locked) == ("my ball", (10, 11, 12), True, True)
-    for what, value in (("name", ""), ("name", "object 2"), ("colour", "red"), ("marks", "none"), ("name", None)):
-        act(app.change_object, 1, what, value)
-        assert app.session.now.objects[0].name == "my ball" and app.session.now.objects[0].colour == (10, 11, 12)
     act(app.change_object, 1, "active", True)
     act(app.hide)
     assert app.session.now.object.id == 1 and not app.session.now.object.hidden
@@ -529,8 +473,8 @@ def test_objects_are_named_coloured_hidden_locked_chosen_and_deleted_by_their_nu
     assert [part.name for part in app.session.now.objects] == ["object 2"] and "object 1" in app.panels.status_text
 
 
-def test_files_from_the_browser_are_taken_for_what_they_are(app, folder, tmp_path):
-    session, view = app.session, tab(app)
+def test_files_from_the_browser_are_taken_for_what_they_are(app, ball, tmp_path):
+    session, view, folder = app.session, tab(app), ball[0]
     mask = np.linalg.norm(session.document.scene.means - toy.CENTRE, axis=1) < 1.2
     np.save(tmp_path / "ball.npy", mask)
     act(app.receive, "../ball.npy", (tmp_path / "ball.npy").read_bytes(), view)
@@ -558,28 +502,23 @@ def test_files_from_the_browser_are_taken_for_what_they_are(app, folder, tmp_pat
 
 def test_results_are_downloaded_and_saved(app, tmp_path):
     view, panels = tab(app), app.panels
-
-    def download(what):
-        act(app.download, what, view)
-
-    download(OBJECT)
+    act(app.download, OBJECT, view)
     assert not view.sent
     mark(app, BALL)
     app.session.do(edits.describe, 1, "name", "my ball")
     act(app.cut_out)
     for what in DOWNLOADS:
-        download(what)
+        act(app.download, what, view)
     assert set(view.sent) == {"my_ball.ply", "without_my_ball.ply", "my_ball.zip"}
     (tmp_path / "object.ply").write_bytes(view.sent["my_ball.ply"])
     assert len(formats.read(tmp_path / "object.ply")) == len(app.session.now.object.fresh.object)
-    with zipfile.ZipFile(io.BytesIO(view.sent["my_ball.zip"])) as archive:
-        assert {"my_ball/object.ply", "my_ball/report.json", "my_ball/selection.json"} <= set(archive.namelist())
     panels.program.value = "three.js"
-    download(OBJECT)
-    download(ALL_FILES)
-    with zipfile.ZipFile(io.BytesIO(view.sent["my_ball.zip"])) as archive:
-        assert {"my_ball/object.ply", "my_ball/object_for_three.spz"} <= set(archive.namelist())
+    act(app.download, OBJECT, view)
+    act(app.download, ALL_FILES, view)
     panels.program.value = controls.AS_IT_LIES
+    with zipfile.ZipFile(io.BytesIO(view.sent["my_ball.zip"])) as archive:
+        wanted = {f"my_ball/{name}" for name in ("object.ply", "object_for_three.spz", "report.json", "selection.json")}
+        assert wanted <= set(archive.namelist())
     (tmp_path / "upright.spz").write_bytes(view.sent["my_ball.spz"])  # what the program reads
     means = formats.read(tmp_path / "upright.spz").means
     assert abs(np.quantile(means[:, 1], 0.01)) < 0.01 and np.median(means[:, 1]) > 0.5
@@ -608,18 +547,9 @@ def test_objects_are_found_shown_and_saved_and_are_one_step(running, furnished, 
     (folder, part), app = furnished, running
     open_scene(app, folder / "scene.ply", folder / "cameras.json")
     session, panels = app.session, app.panels
-    before, stages, busy = session.now, [], panels.busy
-
-    def cancel(doing, share):
-        stages.append(doing)
-        if "3/" in doing:
-            app.jobs.worker.cancel()
-
-    panels.busy = cancel
-    try:
+    before = session.now
+    with told(app, lambda stages: "3/" in stages[-1] and app.jobs.worker.cancel()) as stages:
         act(app.find_objects)
-    finally:
-        panels.busy = busy
     assert session.now is before and not any("surfaces" in stage for stage in stages)
     panels.showing = Showing("Object", "Selection", "Own")
     act(app.find_objects)
@@ -644,7 +574,7 @@ def test_objects_are_found_shown_and_saved_and_are_one_step(running, furnished, 
     assert session.now is before
 
 
-def test_a_tool_without_a_scene_is_refused_and_leaves_no_sentence(folder, tmp_path):
+def test_a_tool_without_a_scene_is_refused_and_leaves_no_sentence(ball, tmp_path):
     from gaussian_trimmer.app.serving import serving
 
     with serving(None, None, port=0, state=tmp_path) as started:
@@ -652,7 +582,7 @@ def test_a_tool_without_a_scene_is_refused_and_leaves_no_sentence(folder, tmp_pa
         app.tools.choose(controls.POINTS, None)
         finish(app)
         assert app.panels.tool.value == controls.LOOK
-        open_scene(app, folder / "scene.ply")
+        open_scene(app, ball[0] / "scene.ply")
         for tool, said in ((controls.POINTS, "three points"), (controls.CLICK, "Click on the object")):
             app.tools.choose(tool, None)
             finish(app)

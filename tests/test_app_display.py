@@ -13,7 +13,7 @@ from gaussian_trimmer.app.display import Painter, changed_rows, shown_rows, thin
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.showing import Showing
 from gaussian_trimmer.app.snapshots import Document, Snapshot, TrimChoices
-from gaussian_trimmer.app.viewpoints import Frame, before_what_shows, pixel_at, points_at, viewpoint_of
+from gaussian_trimmer.app.viewpoints import Frame, before_what_shows, points_at, viewpoint_of
 from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import write
@@ -75,17 +75,6 @@ def test_parts_are_the_object_and_the_rest(session, painter):
     assert rest.sum() < now.objects[0].n_selected
 
 
-def test_after_the_active_object_is_what_was_trimmed(session, painter):
-    session.do(edits.activate, 1, joined=True)
-    try:
-        splats = painter.paint(session.now, Showing("Object", "Cut-out", "Own"))
-        trimmed = session.now.object.fresh.object
-        centres = painter.frame.to_scene(splats.centres.astype(np.float64))
-        assert np.allclose(np.sort(centres, axis=0), np.sort(trimmed.means, axis=0), atol=1e-5)
-    finally:
-        session.do(edits.activate, 2, joined=True)
-
-
 def large_ball():
     """A ball of Gaussians so large that they straddle its outline, and which they are."""
     scene, truth = toy.ball_on_floor()
@@ -101,10 +90,14 @@ def test_split_parts_and_filled_gaussians_are_shown():
     first = Snapshot.first(document, document.find_up((0.0, 0.0, 1.0)))
     selected = Selection(truth, np.zeros_like(truth))
     now = first.with_object(replace(first.object, selected=selected, result=result), "cut out")
-    painter = Painter(scene, 10**6)
-    assert len(painter.paint(now, Showing("Object", "Cut-out"))) == len(result.object)
-    assert len(painter.paint(now, Showing("Scene without it", "Cut-out"))) == len(result.background)
-    assert len(painter.paint(now, Showing("Everything", "Cut-out"))) == len(result.object) + len(result.background)
+    object_, background, both = (
+        Painter(scene, 10**6).paint(now, Showing(part, "Cut-out"))
+        for part in ("Object", "Scene without it", "Everything")
+    )
+    assert (len(object_), len(background)) == (len(result.object), len(result.background))
+    assert len(both) == len(object_) + len(background)
+    centres = Painter(scene, 10**6).frame.to_scene(object_.centres.astype(np.float64))
+    assert np.allclose(np.sort(centres, axis=0), np.sort(result.object.means, axis=0), atol=1e-5)
 
 
 def test_large_scenes_are_thinned_for_display_only(session):
@@ -220,13 +213,6 @@ def test_a_browsers_camera_is_the_same_camera_in_the_scene():
     assert np.allclose(camera.world_to_camera, look_at(np.array([0.0, -8, 4]), toy.CENTRE, toy.UP), atol=1e-6)
     assert np.allclose(camera.project(toy.CENTRE[None])[0], (100, 50), atol=1e-4)
     assert 2 * np.arctan(50 / camera.K[1, 1]) == pytest.approx(0.8)
-
-
-def test_pixels_stay_within_the_picture():
-    view = browser(Frame(np.zeros(3), 1.0))
-    assert pixel_at(view, (0.0, 0.0)) == (0, 0)
-    assert pixel_at(view, (1.0, 1.0)) == (199, 99)
-    assert pixel_at(view, (-3.0, 7.0)) == (0, 99)
 
 
 def test_points_lie_on_the_surface_and_are_nan_in_the_void():

@@ -94,19 +94,6 @@ def test_cameras_are_added_and_marks_are_kept_but_not_those_of_another_scene(ses
     assert session.document.cameras is None
 
 
-def test_cameras_of_a_nerfstudio_training_are_brought_to_its_coordinates(ball, tmp_path):
-    for name in ("scene.ply", "cameras.json"):
-        shutil.copy(ball[0] / name, tmp_path)
-    transform = np.eye(4)[:3]
-    transform[:, 3] = 0.1, 0.0, 0.0
-    (tmp_path / "dataparser_transforms.json").write_text(json.dumps({"transform": transform.tolist(), "scale": 1.0}))
-    plain, moved = Session(), Session()
-    plain.open(ball[0] / "scene.ply", ball[0] / "cameras.json")
-    moved.open(tmp_path / "scene.ply", tmp_path / "cameras.json")
-    for one, other in zip(plain.document.cameras.cameras, moved.document.cameras.cameras, strict=True):
-        np.testing.assert_allclose(other.centre, one.centre + np.array([0.1, 0, 0]), atol=1e-9)
-
-
 def test_spz_files_are_y_up_unless_something_else_is_known(session, tmp_path):
     formats.write(session.document.scene, tmp_path / "floor.spz")
     lone = session.document.scene.select(np.flatnonzero(np.arange(len(session.document.scene)) < 40))
@@ -168,13 +155,6 @@ def test_what_others_hide_or_lock_is_left_alone_and_the_marks_say_so(session):
         assert np.array_equal(again.mask, now.object.selected.mask)
     session.do(edits.show_all)
     assert not any(part.hidden for part in session.now.objects)
-
-
-def test_what_lies_far_away_does_not_touch():
-    means = np.array([[0, 0, 0], [0, 0, 1], [0, 0.05, 0], [0, 3, 0]], np.float32)
-    selected = np.array([True, True, False, False])
-    assert edits.touches(means, selected, np.array([False, False, True, True]))
-    assert not edits.touches(means, selected, np.array([False, False, False, True]))
 
 
 def test_inverting_twice_is_nothing(session):
