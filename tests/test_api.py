@@ -20,7 +20,6 @@ from gaussian_trimmer.output.saving import result_files, save
 from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.trimming.arguments import rows_of_selection
 from gaussian_trimmer.trimming.config import SplitConfig
-from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.up_vector import find_up
 
 SCENE, TRUTH = toy.ball_on_floor()
@@ -79,12 +78,6 @@ def test_all_names_exist_and_are_listed():
         assert getattr(gt, name) is not None
     assert {"read", "read_cameras", "trim", "trim_objects", "save", "describe"} <= set(gt.__all__)
     assert not {"Any", "TYPE_CHECKING", "import_module"} & set(dir(gt))
-
-
-def test_read_cameras_gives_what_trim_takes(tmp_path):
-    frame = {"world_to_camera": np.eye(4).tolist(), "K": np.eye(3).tolist(), "width": 2, "height": 2}
-    (tmp_path / "cameras.json").write_text(json.dumps({"frames": [frame]}))
-    assert isinstance(gt.read_cameras(tmp_path / "cameras.json"), CameraSet)
 
 
 # What trim takes
@@ -342,18 +335,6 @@ def test_tensors_of_any_device_and_type_and_with_gradients_are_arrays():
 
 
 # What results can do
-
-
-def test_the_mask_of_the_object_has_whole_and_split_gaussians(result):
-    assert result.count(RowLabel.SPLIT_INSIDE) > 0
-    assert result.object_mask.shape == (len(SCENE),) and result.object_mask.dtype == np.bool_
-    np.testing.assert_array_equal(result.object_mask, toy.object_rows(result))
-
-
-def test_a_refused_trim_has_the_mask_of_the_selection():
-    result = toy.trim_by(toy.empty, SCENE, ROUGH, config=CONFIG)
-    assert result.objects[0].refused
-    np.testing.assert_array_equal(result.object_mask, ROUGH)
 
 
 def test_saving_writes_what_the_command_writes(result, tmp_path):

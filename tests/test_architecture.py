@@ -42,15 +42,10 @@ LAYERS = (
 """Rooms of the package, callers last. A room imports from itself and from layers before its own; base modules, of which
 each is one file, also from each other."""
 
-EXCEPTIONS: dict[tuple[str, str], str] = {}
-"""Imports between rooms that the layers would forbid, with the reason."""
-
 NAME = re.compile(r"gaussian_trimmer(\.\w+)+(:\w+|\.)?")
 """A name as `lazy_import.load` takes it, or the beginning of one."""
 HEAVY = ("torch", "transformers", "onnxruntime", "viser", "ray")
 """Packages that take seconds to import or are not installed with the package itself."""
-HEAVY_FILES: dict[str, str] = {}
-"""Files that may import one of these when they are loaded, because they are loaded late themselves."""
 
 
 def modules() -> list[Path]:
@@ -102,7 +97,7 @@ def loaded_with(tree: ast.Module) -> Iterator[str]:
 
 
 def may_import(importer: str, imported: str) -> bool:
-    if importer == imported or (importer, imported) in EXCEPTIONS:
+    if importer == imported:
         return True
     if importer in BASE or imported in BASE:
         return imported in BASE
@@ -144,11 +139,6 @@ def test_imports_point_one_way(trees: dict[Path, ast.Module]) -> None:
     assert wrong == []
 
 
-def test_no_exception_is_left_over(trees: dict[Path, ast.Module]) -> None:
-    used = {(room(path), imported) for path, tree in trees.items() for imported in imported_rooms(tree)}
-    assert set(EXCEPTIONS) <= used
-
-
 def test_base_modules_do_not_import_each_other_in_a_circle(trees: dict[Path, ast.Module]) -> None:
     imports: dict[str, set[str]] = {}
     for path, tree in trees.items():
@@ -162,5 +152,4 @@ def test_base_modules_do_not_import_each_other_in_a_circle(trees: dict[Path, ast
 
 def test_heavy_packages_are_imported_late(trees: dict[Path, ast.Module]) -> None:
     for path, tree in trees.items():
-        heavy = set(loaded_with(tree)) & set(HEAVY)
-        assert heavy <= {HEAVY_FILES.get(path.relative_to(PACKAGE).as_posix())}, path
+        assert not set(loaded_with(tree)) & set(HEAVY), path

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from command_line import SMALL, run, save_ball
 
-from gaussian_trimmer import formats
-
 
 @pytest.fixture(scope="module")
 def ball(tmp_path_factory):
@@ -74,16 +72,6 @@ def test_wrong_selections(name, make, said, ball, tmp_path, capsys):
     folder, scene = ball
     np.save(tmp_path / name, make(len(scene)), allow_pickle=True)
     assert said in trim_fails(folder / "scene.ply", tmp_path / name, output=tmp_path / "out", capsys=capsys)
-
-
-def test_cut_out_of_another_scene(ball, tmp_path, capsys):
-    folder, scene = ball
-    part = scene.select(np.arange(20))
-    formats.write(
-        part.replace(means=part.means + np.float32(0.5), sh_dc=part.sh_dc + np.float32(0.5)), tmp_path / "part.ply"
-    )
-    said = trim_fails(folder / "scene.ply", tmp_path / "part.ply", output=tmp_path / "out", capsys=capsys)
-    assert "20 of" in said
 
 
 @pytest.mark.parametrize(

@@ -10,14 +10,10 @@ from benchmark_data import benchmark_scene
 from command_line import run
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.cameras import Viewpoint, up_frame
+from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.metrics import foreground_iou
 from gaussian_trimmer.gaussians import Gaussians, concatenate
-from gaussian_trimmer.geometry.bounds import robust_bounds
-from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
-from gaussian_trimmer.rendering import blend_values, render
+from gaussian_trimmer.rendering import blend_values
 from gaussian_trimmer.selecting.clicks import (
     NothingFoundError,
     select_around_click,
@@ -30,8 +26,6 @@ from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane, windows
 from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.surface.overview import OverviewConfig, drawn_rows, plan_overview
 from gaussian_trimmer.surface.viewed_scene import ViewedScene
-from gaussian_trimmer.trimming.config import TrimConfig
-from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views.view import bounding_box
 
 
@@ -254,17 +248,6 @@ def test_where_nothing_is_seen(ball):
         box_in(ball[0], away, (50, 50, 150, 150))
 
 
-def test_overview_shows_a_capture_of_one_thing_whole():
-    rng = np.random.default_rng(0)
-    body, neck = rng.uniform(-1, 1, (900, 3)) * [0.8, 0.4, 0.4], rng.uniform(0, 1, (100, 3)) * [0.2, 0.2, 1.3]
-    thing = toy.gaussians(np.concatenate([body, neck + np.array([0.6, 0, 0.4])]), (0.03,) * 3, toy.RED)
-    overview = plan_overview(thing, toy.UP, OverviewConfig(ring=5))
-    assert overview.whole == range(5)
-    for camera in (view.camera for view in overview.views):
-        pixels, _ = camera.project(thing.means.astype(np.float64))
-        assert ((pixels > 0) & (pixels < camera.width)).all(axis=1).mean() > 0.98
-
-
 def test_overview_looks_at_the_detail_and_leaves_the_walls_out():
     scene, truth = toy.ball_on_floor(n_ball=3000)
     wall = toy.gaussians(np.random.default_rng(0).normal(size=(500, 3)) * [0.1, 8, 8] + [-12, 0, 0], 1.0, toy.WHITE)
@@ -310,31 +293,6 @@ def test_a_small_tolerance_stays_within_a_thing_of_a_trained_scene(name, view):
     assert 0 < small.sum() < larger.sum() and (larger | ~small).all()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("where", "name", "view"),
-    [("scene0", "avocado", "012.png"), ("scene0", "lantern", "003.png"), ("tabletop", "robot", "012.png")],
-)
-def test_benchmark_click_then_trim(where, name, view):
-    """One click in a training view, then the trimmer: the object in views that nobody trained on."""
-    scene = benchmark_scene(where)
-    cameras = read_camera_set(scene.cameras_file)
-    camera = next(camera for camera in scene.training_cameras if camera.name == view)
-    mask = np.pad(scene.coverage(name, view) > 0.5, 1).astype(np.uint8)
-    depth = cv2.distanceTransform(mask, cv2.DIST_L2, 5)[1:-1, 1:-1]
-    y, x = np.unravel_index(np.argmax(depth), depth.shape)
-    pick, _ = select_by_click(ViewedScene(scene.gaussians, camera, scene.up), int(x), int(y))
-    kept = tuple(camera for camera, train in zip(cameras.cameras, cameras.train, strict=True) if train)
-    training = replace(cameras, cameras=kept, train=(True,) * len(kept))
-    result = trim(scene.gaussians, pick, config=TrimConfig(up=(0, 0, 1)), cameras=training)
-    overlaps = [
-        foreground_iou(render(result.object, test.camera).alpha, test.coverage, test.counted)
-        for test in scene.test_views(name)
-        if not test.far
-    ]
-    assert np.mean(overlaps) > 0.95
-
-
 def test_what_a_click_takes_alone_is_trimmed_though_it_is_the_whole_file(tmp_path):
     scene, truth = toy.ball_on_floor(n_floaters=0)
     formats.write(scene.select(truth), tmp_path / "ball.ply")
@@ -342,18 +300,6 @@ def test_what_a_click_takes_alone_is_trimmed_though_it_is_the_whole_file(tmp_pat
     out = ["--output", tmp_path / "ball.npy", "--trim", tmp_path / "out", "--quiet", "--refine", "off"]
     assert run(*command, *out, "--set", "plan.size=160") == 0
     assert len(formats.read(tmp_path / "out" / "object.ply")) == truth.sum()
-
-
-def test_crumbs_beside_a_thing_are_no_surface_below_it():
-    scene, truth = toy.ball_on_floor(n_floaters=0)
-    positions, weights = scene.means, np.where(truth, 1.0, 1e-3)
-    found = [
-        find_support_plane(
-            positions, truth, shown, robust_bounds(scene.select(truth), up_frame(toy.UP)), SupportPlaneConfig()
-        )
-        for shown in (np.ones(len(scene)), weights)
-    ]
-    assert found[0] is not None and found[1] is None
 
 
 @pytest.mark.parametrize("count", [1, 3])

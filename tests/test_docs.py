@@ -1,13 +1,12 @@
 """The documentation does what it says: its Python runs, its commands exist, its figures are made, its links lead."""
 
-import ast
-import builtins
 import functools
 import importlib.util
 import re
 import shlex
 import shutil
 import sys
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -27,7 +26,7 @@ PAGES = sorted([*ROOT.glob("docs/**/*.md"), ROOT / "README.md", ROOT / "CONTRIBU
 NOT_RUN = {
     "sam.md": "needs a model",
 }  # fmt: skip
-"""Pages whose Python is compiled, and knows every name that it uses, but is not run."""
+"""Pages whose Python is compiled, but not run."""
 _BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _COMMAND = re.compile(r"gaussian-trimmer (?!\[)[^`\n#&]+")
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
@@ -78,7 +77,6 @@ def test_python_of_the_pages_runs_when_copied(page, copied):
         code = compile(block, f"{name(page)}, block {number + 1}", "exec")
         if page.name not in NOT_RUN:
             exec(code, copied)
-    assert not unknown_names("".join(blocks(page)))
 
 
 def test_arrays_of_trainers_become_the_scene(workplace, monkeypatch):
@@ -103,22 +101,6 @@ def test_arrays_of_trainers_become_the_scene(workplace, monkeypatch):
         np.testing.assert_array_equal(read.sh_rest, scene.sh_rest)
 
 
-def unknown_names(code):
-    """Names that code uses and neither imports, makes nor takes as an argument."""
-    nodes = list(ast.walk(ast.parse(code)))
-    used = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
-    made = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
-    made |= {node.arg for node in nodes if isinstance(node, ast.arg)}
-    made |= {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef)}
-    made |= {alias.asname or alias.name.partition(".")[0]
-             for node in nodes if isinstance(node, ast.Import | ast.ImportFrom) for alias in node.names}  # fmt: skip
-    return used - made - set(dir(builtins))
-
-
-def test_a_name_that_a_page_does_not_make_is_found():
-    assert unknown_names("import a\nfrom b import c as d\ndef e(f): return f + g\nh = a, d, e, print") == {"g"}
-
-
 def test_no_exception_is_left_over():
     assert NOT_RUN.keys() <= {page.name for page in PAGES if blocks(page)}
 
@@ -141,12 +123,29 @@ def test_commands_of_the_pages_are_understood(command):
         parser_of(known).parse(arguments)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name)
+@pytest.mark.parametrize("page", [*PAGES, *ROOT.glob("benchmarks/*/*.md"), ROOT / "CHANGELOG.md"], ids=name)
 def test_links_lead_to_files(page):
     for link in _LINK.findall(page.read_text(encoding="utf-8")):
         target = link.partition("#")[0]
         if target and "://" not in target:
             assert (page.parent / target).exists(), link
+
+
+def test_one_version_everywhere_and_a_day_for_each_in_the_changelog():
+    citation, changes = ((ROOT / name).read_text(encoding="utf-8") for name in ("CITATION.cff", "CHANGELOG.md"))
+    assert f"\nversion: {gt.__version__}\n" in citation
+    (day,) = re.findall(r"^date-released: (\d{4}-\d\d-\d\d)$", citation, re.MULTILINE)
+    assert f"\n## {gt.__version__} - {day}\n" in changes
+    unreleased, *titles = re.findall(r"^## (.*)$", changes, re.MULTILINE)
+    assert unreleased == "Unreleased"
+    assert all(re.fullmatch(r"\d+\.\d+\.\d+ - \d{4}-\d\d-\d\d", title) for title in titles)
+
+
+def test_the_page_on_a_package_index_names_every_extra_and_links_to_no_file():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    page = project["readme"]["text"]
+    assert not re.search(r"\]\((?!https://)", page)
+    assert all(f"`{extra}`" in page for extra in project["optional-dependencies"].keys() - {"test", "dev", "docs"})
 
 
 def test_every_page_is_in_the_navigation():

@@ -17,7 +17,6 @@ from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.judging import FindConfig
 from gaussian_trimmer.finding.saving import draw_plan
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.surface.regions import one_thing
 from gaussian_trimmer.surface.room_surfaces import find_room
 from gaussian_trimmer.surface.visible_surface import find_visible_surface, views_of
 from gaussian_trimmer.trimming.up_vector import SURE_CONFIDENCE
@@ -93,19 +92,6 @@ def test_the_lowest_strip_of_what_stands_may_belong_to_it_though_it_lies_in_the_
     assert kept.sum() > 0.5 * below.sum()
     of_floor = (part[surface.rows] == 0) & floor.own & (floor.heights < -floor.border)
     assert found.border[of_floor].mean() < 0.02
-
-
-@pytest.mark.parametrize(("spread", "area", "accuracy", "is_one"), [
-    (0.3, 0.5, 0.6, True),  # a long contact of like colours
-    (0.05, 0.5, 0.95, False),  # a short one of other colours
-    (0.4, 0.5, 0.95, True),  # other colours, but they meet all along
-    (0.1, 0.5, 0.8, False),
-    (0.1, 0.01, 0.8, True),  # too small to be a thing of its own
-])  # fmt: skip
-def test_parts_of_a_thing_have_long_contacts_or_like_colours_or_are_small(spread, area, accuracy, is_one):
-    values = [np.array([value]) for value in (spread, area, accuracy)]
-    (odds,) = one_thing(*values)
-    assert (odds > 0) == is_one
 
 
 @pytest.mark.parametrize("change", ["order", "scale", "rotation", "strays"])

@@ -22,6 +22,7 @@ from gaussian_trimmer.selecting.marks import (
     Sphere,
     write_marks,
 )
+from gaussian_trimmer.selecting.reading import read_selection_result
 from gaussian_trimmer.selecting.shapes import grown, shrunk
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
@@ -78,13 +79,6 @@ def test_rims_grow_and_shrink_by_spacings():
     assert np.flatnonzero(shrunk(line.means, some, 2.1)).max() == 17
     assert not shrunk(line.means, np.ones(40, bool), 2.1).sum() < 40
     assert np.array_equal(gt.select(line, [Box3D((-1, -1, -1), (9.6, 1, 1)), Grow(2.1), Shrink(2.1)]).mask, some)
-
-
-def test_selection_goes_to_trim_as_it_is(tmp_path):
-    made = selected(Click(*middle(CAMERAS[0]), CAMERAS[0]))
-    assert toy.jaccard(made.mask, TRUTH) > 0.9
-    result = gt.trim(SCENE, made, config=toy.small_config())
-    assert np.array_equal(result.selection, made.mask)
 
 
 def test_saved_marks_select_the_same(tmp_path):
@@ -226,3 +220,45 @@ def test_rows_select_themselves_and_nothing_else(tmp_path):
 def test_rows_of_other_scenes_and_nonsense_are_refused(runs):
     with pytest.raises(InputError, match="rows"):
         selected(Rows(runs, "lasso"))
+
+
+BALL, PATCH = Sphere((0, 0, 1), 1.1), Sphere((0, -1, 1), 0.6, effect="remove")
+IN_PATCH = np.linalg.norm(SCENE.means - (0, -1, 1), axis=1) <= 0.6
+
+
+def test_the_last_mark_on_a_gaussian_decides_what_stays_out():
+    again = selected(BALL, PATCH, Sphere((0, -1, 1), 0.3))
+    assert np.array_equal(selected(BALL, PATCH).excluded, IN_PATCH)
+    assert np.array_equal(again.excluded, IN_PATCH & ~again.mask) and again.excluded.sum() < IN_PATCH.sum()
+
+
+def test_what_is_selected_cannot_be_excluded():
+    ball = TRUTH & (SCENE.means[:, 2] > 0.1)
+    free, bound = (
+        gt.trim(SCENE, ball, config=toy.small_config(), excluded=excluded).object_mask
+        for excluded in (None, np.ones(len(SCENE), bool))
+    )
+    assert np.array_equal(bound & ball, free & ball)
+
+
+def test_rows_and_marks_are_written_together(tmp_path, monkeypatch):
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    selected(BALL, PATCH).save(tmp_path / "a.npy")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    monkeypatch.setattr("gaussian_trimmer.selecting.marks.write_json", fail)
+    with pytest.raises(InputError, match="No space"):
+        selected(BALL).save(tmp_path / "a.npy")
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_an_array_does_not_say_what_was_removed_and_whoever_gives_one_is_told(tmp_path):
+    selected(BALL, PATCH).save(tmp_path / "a.npy")
+    said = []
+    assert read_selection_result(tmp_path / "a.npy", SCENE, say=said.append).excluded is None
+    assert len(said) == 1 and "a.json" in said[0]
+    found = read_selection_result(tmp_path / "a.json", SCENE, say=said.append)
+    assert np.array_equal(found.excluded, IN_PATCH) and len(said) == 1
+    with pytest.raises(InputError, match="holds marks; give"):
+        selected(FromFile(tmp_path / "a.json"))

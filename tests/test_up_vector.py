@@ -6,14 +6,13 @@ import benchmark_data
 import cv2
 import numpy as np
 import pytest
+import toy
 
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import read
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
-from gaussian_trimmer.geometry.planes import random_planes
-from gaussian_trimmer.trimming import up_vector as orientation
 from gaussian_trimmer.trimming.up_vector import find_up, up_from_cameras, up_from_ground_plane
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -25,15 +24,7 @@ def angle(a: Float64Array, b: Float64Array) -> float:
 
 
 def gaussians_at(centres: Float64Array) -> Gaussians:
-    n = len(centres)
-    return Gaussians(
-        centres.astype(np.float32),
-        np.full((n, 3), -4, np.float32),
-        np.tile(np.float32([1, 0, 0, 0]), (n, 1)),
-        np.full(n, 3, np.float32),
-        np.zeros((n, 3), np.float32),
-        np.zeros((n, 3, 0), np.float32),
-    )
+    return toy.gaussians(centres, np.exp(-4), (0.5, 0.5, 0.5))
 
 
 def box(n: int, low: tuple[float, ...], high: tuple[float, ...], seed: int = 0) -> Float64Array:
@@ -142,37 +133,6 @@ def test_ground_plane_under_the_object_and_not_the_larger_wall() -> None:
     alone, on_ground = up_from_ground_plane(scene), up_from_ground_plane(scene, rows)
     assert alone is not None and angle(alone.direction, -np.array([1.0, 0, 0])) < 1
     assert on_ground is not None and angle(on_ground.direction, Z) < 0.5
-
-
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("with_thing", [False, True])
-def test_the_best_plane_is_the_one_that_scoring_all_of_them_finds(seed: int, with_thing: bool) -> None:
-    scene, rows = room(n_floor=3000, n_wall=4500)  # Most planes lie in the wall, which the thing does not stand on.
-    points = np.random.default_rng(seed).permutation(scene.means[~rows].astype(np.float64))
-    thing = scene.means[rows].astype(np.float64) if with_thing else None
-    found = orientation._best_plane(points, thing, 0.05, np.random.default_rng(seed))
-    normals, offsets = random_planes(points, orientation._HYPOTHESES, 0.05**2, np.random.default_rng(seed))
-    scores = [
-        plain_score(n, o, points[: orientation._SCORED_POINTS], thing, 0.05)
-        for n, o in zip(normals, offsets, strict=True)
-    ]
-    assert found is not None
-    assert plain_score(found.normal, found.offset, points[: orientation._SCORED_POINTS], thing, 0.05) == max(scores)
-
-
-def plain_score(
-    normal: Float64Array, offset: float, points: Float64Array, thing: Float64Array | None, tolerance: float
-) -> float:
-    """Share of inliers, raised for normals along y or z, times how well an object stands on the plane."""
-    share = np.count_nonzero(abs(points @ normal - offset) < tolerance) / len(points)
-    score = share * (1.25 if max(abs(normal[1]), abs(normal[2])) > np.cos(np.radians(20)) else 1.0)
-    if thing is not None:
-        heights = thing @ normal - offset
-        heights = -heights if np.median(heights) < 0 else heights
-        radius = np.median(np.linalg.norm(thing - np.median(thing, axis=0), axis=1))
-        gap = max(0.0, np.quantile(heights, 0.05)) / max(radius, tolerance)
-        score *= np.mean(heights > -tolerance) / (1.0 + gap)
-    return round(float(score), 12)
 
 
 def test_up_is_the_side_of_the_object() -> None:
