@@ -31,7 +31,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.batch.engines import cores
+from gaussian_trimmer.commands.pools import cores
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import rotation_matrices
 from gaussian_trimmer.io.reading import is_file

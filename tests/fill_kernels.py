@@ -32,7 +32,7 @@ def searching():
 
 def fitting():
     """The derivatives' kernels."""
-    from gaussian_trimmer.rendering.compiling_ahead import compile_kernels
+    from gaussian_trimmer.rendering.gradients import compile_kernels
 
     compile_kernels()
 

@@ -24,8 +24,8 @@ from gaussian_trimmer.rendering.blending import (
     LOW_PASS_VARIANCE,
     TRANSMITTANCE_STOP,
     Rendering,
+    view_colours,
 )
-from gaussian_trimmer.rendering.harmonics import view_colours
 
 Box = tuple[slice, slice]
 

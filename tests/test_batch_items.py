@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from gaussian_trimmer.batch.tables import Item, check_names, read_manifest
 from gaussian_trimmer.commands import batch as command
 from gaussian_trimmer.commands import parser_of
+from gaussian_trimmer.commands.manifest import Item, check_names, read_manifest
 from gaussian_trimmer.errors import InputError
 
 
@@ -21,7 +21,7 @@ def manifest(folder, text, name="manifest.csv"):
 
 
 def items_of(path, options=""):
-    return command.items_of(parser_of("batch").parse([str(path), "--options", options]))[0]
+    return command.items_of(parser_of("batch").parse([str(path), "--options", options]))
 
 
 @pytest.mark.parametrize(
@@ -30,21 +30,17 @@ def items_of(path, options=""):
 )
 def test_names_that_are_in_each_others_way(names, said):
     with pytest.raises(InputError, match=said):
-        check_names([Item(name, ()) for name in names])
+        check_names([Item(name) for name in names])
 
 
 def test_rows_of_a_table(tmp_path):
     path = manifest(tmp_path, 'scene,selection,up,options,name,cameras\na.ply,mug.npy,"0,0,1",--views 7,,sparse/0\n'
                               "rooms/c.ply,,-y,,c,\n")  # fmt: skip
     first, second = items_of(path, "--set plan.size=200")
-    assert first == Item(
-        "a-mug",
-        tuple(
-            f"{tmp_path}/a.ply {tmp_path}/mug.npy --cameras {tmp_path}/sparse/0 --up 0 0 1 --views 7 "
-            "--set plan.size=200".split()
-        ),
+    assert first.name == "a-mug" and " ".join(first.words) == (
+        f"{tmp_path}/a.ply {tmp_path}/mug.npy --cameras {tmp_path}/sparse/0 --up 0 0 1 --views 7 --set plan.size=200"
     )
-    assert second == Item("c", (str(tmp_path / "rooms/c.ply"), "--up", "0", "-1", "0", "--set", "plan.size=200"))
+    assert second.name == "c" and " ".join(second.words) == f"{tmp_path}/rooms/c.ply --up 0 -1 0 --set plan.size=200"
     assert [one.name for one in items_of(path, "--format spz")] == ["a-mug", "c"]
 
 
@@ -111,7 +107,7 @@ def test_the_manifest_in_a_folder_is_named(tmp_path):
 def test_files_that_are_no_manifests(tmp_path, name):
     manifest(tmp_path, "scene\na.ply\n", "known.jsonl")
     with pytest.raises(InputError, match=name):
-        read_manifest(tmp_path / name, lambda words: ("a", words))
+        read_manifest(tmp_path / name, Item)
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import toy
 from batch_runs import contents, fresh_of, inline, save_scenes, write_manifest
 from command_line import run
 
-from gaussian_trimmer.batch.engines import on_ray
 from gaussian_trimmer.commands import batch as command
+from gaussian_trimmer.commands.pools import on_ray
 
 ray = pytest.importorskip("ray")
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a cluster needs Linux")

@@ -16,8 +16,8 @@ from command_line import SMALL, run
 
 from gaussian_trimmer import __version__, cli, formats
 from gaussian_trimmer.commands import command_in, parser_of
+from gaussian_trimmer.commands.arguments import config_of
 from gaussian_trimmer.io.folders import atomic_folder
-from gaussian_trimmer.trim_arguments import config_of
 from gaussian_trimmer.trimming.clock import LOG
 from gaussian_trimmer.trimming.config import TrimConfig, paper_config
 

@@ -6,8 +6,7 @@ import pytest
 from scenes import front_camera, random_scene
 
 from gaussian_trimmer.rendering import gradient_kernels
-from gaussian_trimmer.rendering.compiling_ahead import compile_kernels
-from gaussian_trimmer.rendering.gradients import draw, gradients, loss_gradient
+from gaussian_trimmer.rendering.gradients import compile_kernels, draw, gradients, loss_gradient
 
 KERNELS = [
     gradient_kernels.huber_gradient, gradient_kernels.differentiate_tiles, gradient_kernels.sum_moving_pairs,

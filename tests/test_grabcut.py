@@ -5,7 +5,7 @@ import pytest
 import toy
 
 from gaussian_trimmer.cameras import Camera, intrinsics
-from gaussian_trimmer.masks.grabcut import grabcut_masks
+from gaussian_trimmer.masks.sam import grabcut_masks
 from gaussian_trimmer.rendering import Rendering
 from gaussian_trimmer.views.view import View
 

@@ -25,7 +25,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.geometry.split import SPLIT_RULES
-from gaussian_trimmer.masks import draw_masks
+from gaussian_trimmer.masks.sam import draw_masks
 from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.rendering import blend_values
 from gaussian_trimmer.trimming.config import PlanConfig, SplitConfig, TrimConfig, paper_config

@@ -8,9 +8,9 @@ import pytest
 from selection_builders import make_scene, rows_mask
 
 from gaussian_trimmer.commands import parser_of
+from gaussian_trimmer.commands.arguments import selection_options_of
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selection_files import KINDS, SelectionOptions, load_selection
-from gaussian_trimmer.trim_arguments import selection_options_of
 
 N = 12
 SCENE = make_scene(N)

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from gaussian_trimmer import cli
-from gaussian_trimmer.batch.engines import _cluster
+from gaussian_trimmer.commands.pools import _cluster
 from gaussian_trimmer.io.folders import atomic_folder
 from gaussian_trimmer.io.writing import Stopped, stop_signals_raised, write_whole
 

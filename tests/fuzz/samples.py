@@ -24,10 +24,10 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits
 from gaussian_trimmer.app.project import project_as_json, read_project, restore
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.batch.tables import read_manifest
 from gaussian_trimmer.camera_files import read_camera_set, read_cameras_of
 from gaussian_trimmer.cameras import Camera, Viewpoint, intrinsics
 from gaussian_trimmer.commands.info import describe_file
+from gaussian_trimmer.commands.manifest import Item, read_manifest
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.folders import (
@@ -295,9 +295,7 @@ def _other_readers() -> dict[str, Reader]:
         "marks": Reader([{"a.json": json.dumps(marks).encode()}], read_marks),
         "project": Reader([{"a.project.json": _project()}], _read_project),
         "results": Reader([_results()], _read_results),
-        "manifest.csv": Reader(
-            [{"a.csv": rows.encode()}], lambda path: read_manifest(path, lambda words: ("a", words))
-        ),
+        "manifest.csv": Reader([{"a.csv": rows.encode()}], lambda path: read_manifest(path, Item)),
     }
 
 

@@ -13,7 +13,7 @@ from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
 from gaussian_trimmer.app.viewpoints import Frame
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.rendering.harmonics import view_colours
+from gaussian_trimmer.rendering.blending import view_colours
 from gaussian_trimmer.trimming.result import RowLabel, TrimResult
 
 _TINT_SHARE = 0.6

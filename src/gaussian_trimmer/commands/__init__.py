@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 COMMANDS = {
     "trim": ("trim", "sharpen a rough selection of one object"),
     "batch": ("batch", "trim many objects of many scenes, from a table"),
-    "demo": ("demo", "trim an object of the sample scene"),
+    "demo": ("trim", "trim an object of the sample scene"),
     "info": ("info", "say what a splat, selection or camera file holds"),
     "convert": ("convert", "convert between splat formats"),
     "select": ("select", "make a rough selection from a click, a box or masks"),

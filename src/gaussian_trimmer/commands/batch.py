@@ -6,9 +6,9 @@ import io
 import re
 import traceback
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, redirect_stderr, suppress
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from signal import SIGINT
 from typing import Annotated, Any, Literal
@@ -19,10 +19,18 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemaining
 
 from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
-from gaussian_trimmer.batch.engines import on_processes, on_ray
-from gaussian_trimmer.batch.tables import Item, check_names, option_words, read_manifest, write_table
 from gaussian_trimmer.commands import parser_of, trim
+from gaussian_trimmer.commands.arguments import suffix_for
 from gaussian_trimmer.commands.console import add_printing, console_of, print_json
+from gaussian_trimmer.commands.manifest import (
+    Item,
+    check_names,
+    checked_name,
+    option_words,
+    read_manifest,
+    write_table,
+)
+from gaussian_trimmer.commands.pools import on_processes, on_ray
 from gaussian_trimmer.errors import InputError, clip_name, printable, user_message
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Gaussians, quaternions_of
@@ -31,15 +39,11 @@ from gaussian_trimmer.io.reading import is_file, is_folder, read_json
 from gaussian_trimmer.io.writing import Stopped, make_folder
 from gaussian_trimmer.parser import Parser
 from gaussian_trimmer.settings import Range
-from gaussian_trimmer.trim_arguments import suffix_for
 
 SUMMARY = "summary.csv"
 _COUNTS = ("selected", "object", "kept", "cut", "removed", "discarded", "added")
 _BOX = ("x", "y", "z", "length", "width", "height", "qw", "qx", "qy", "qz")
 COLUMNS = ("name", "state", "message", *_COUNTS, *_BOX, "up_confidence", "seconds", "scene", "selection")
-MadeFrom = dict[str, Any]
-"""What the report of an item says it was made from: version, words, and what `_stamp` says of each path."""
-
 
 ABOUT = """Trim many objects of many scenes, listed in manifests. What an earlier run has finished is not done again.
 
@@ -80,15 +84,17 @@ def run(arguments: Namespace) -> None:
     """
     console, output = console_of(arguments), arguments.output
     number, shards = _shard(arguments.shard)
-    items, made_from = items_of(arguments)
+    items = items_of(arguments)
     mine = items[len(items) * (number - 1) // shards : len(items) * number // shards]
     folders = {item.name: output.absolute() / "items" / item.name for item in items}
-    waiting = [item for item in mine if not _is_made(folders[item.name], made_from[item.name])]
+    waiting = [item for item in mine if not _is_made(item, folders[item.name])]
     earlier, failures, done = len(mine) - len(waiting), dict[str, str](), 0
-    tasks = [(item.words, folders[item.name], made_from[item.name]) for item in waiting]
+    tasks = [(item.words, folders[item.name], item.files) for item in waiting]
+    pool = partial(on_ray, address=arguments.address) if arguments.engine == "ray" else on_processes
+    ended = pool(trim_item, tasks, arguments.workers)
     try:
-        with _progress(console, len(mine), earlier) as show, closing(_results(arguments, tasks)) as results:
-            for task, failure in results:
+        with _progress(console, len(mine), earlier) as show, closing(ended):
+            for task, failure in ended:
                 done += 1
                 if failure:
                     failures[waiting[task].name] = failure
@@ -99,14 +105,22 @@ def run(arguments: Namespace) -> None:
     finally:
         for item in waiting:
             _remove_rest(folders[item.name], output.absolute())
-    rows = [_row_of(item, folders[item.name], made_from[item.name], failures.get(item.name, "")) for item in items]
+    rows = [_row_of(item, folders[item.name], failures.get(item.name, "")) for item in items]
     make_folder(output)
     write_table([{name: _as_text(cell) for name, cell in row.items()} for row in rows], output / SUMMARY)
-    _report_end(arguments, console, len(mine), earlier, failures, rows)
+    found = f" ({earlier} earlier)" if earlier else ""
+    lost = f", {len(failures)} failed" if failures else ""
+    console.print(f"{len(mine) - len(failures)} of {len(mine)} done{found}{lost}; see {output / SUMMARY}.")
+    print_json(arguments, {"folder": str(output), "items": rows})
+    for first, failure in failures.items():
+        why = f", since: {failure}" if console.quiet else "."  # else that has been printed
+        raise InputError(
+            f"{len(failures)} of {len(mine)} items failed, the first is {first}{why} All are in {output / SUMMARY}."
+        )
 
 
-def items_of(arguments: Namespace) -> tuple[list[Item], dict[str, MadeFrom]]:
-    """Return all items, and by their names what they are made from; all files are looked at.
+def items_of(arguments: Namespace) -> list[Item]:
+    """Return all items; all files are looked at.
 
     Raises:
         InputError: a manifest, an option or a file that a row names is not possible.
@@ -119,27 +133,25 @@ def items_of(arguments: Namespace) -> tuple[list[Item], dict[str, MadeFrom]]:
         common = parser_of("trim").parse(option_words(arguments.options))
     except InputError as error:
         raise InputError(f"--options: {error}") from error
-    stamp, files = cache(_stamp), dict[tuple[str, ...], dict[str, list[int]]]()
-    whole, in_parts = set[Path](), set[Path]()
+    stamp, whole, in_parts = cache(_stamp), set[Path](), set[Path]()
     added, plain = parser_of("trim"), parser_of("trim")
 
-    def check(words: Sequence[str]) -> tuple[str, Sequence[str]]:
-        item = added.parse(words, common)
-        known, folder = tuple(plain.words_of(item)[1:]), trim.folder_of(item).name
-        (in_parts if item.selection or item.in_order else whole).add(item.scene)
-        item.scene = trim.scene_of(item)
-        files[known] = {str(path): stamp(path) for path in _inputs(item)}
-        trim.check(item)
-        suffix_for(item)
-        return folder, known
+    def item_of(name: str, words: Sequence[str]) -> Item:
+        given = added.parse(words, common)
+        all_words = tuple(plain.words_of(given)[1:])
+        name = checked_name(name or trim.folder_of(given).name)
+        (in_parts if given.selection or given.in_order else whole).add(given.scene)
+        given.scene = trim.scene_of(given)
+        files = {str(path): stamp(path) for path in _inputs(given)}
+        trim.check(given)
+        suffix_for(given)
+        return Item(name, all_words, files)
 
-    items = [item for path in arguments.manifests for item in read_manifest(path, check)]
+    items = [item for path in arguments.manifests for item in read_manifest(path, item_of)]
     check_names(items)
     if both := whole & in_parts:
         raise InputError(f"'{min(both)}' has a row without a selection beside others with one; say what it is.")
-    return items, {
-        item.name: {"version": __version__, "command": list(item.words), "files": files[item.words]} for item in items
-    }
+    return items
 
 
 def _shard(text: str | None) -> tuple[int, int]:
@@ -152,41 +164,12 @@ def _shard(text: str | None) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-def _results(arguments: Namespace, tasks: Sequence[tuple[Any, ...]]) -> Any:
-    """Return an iterator over the numbers of tasks and what has failed of them, as they end."""
-    if arguments.engine == "ray":
-        return on_ray(trim_item, tasks, arguments.workers, arguments.address)
-    return on_processes(trim_item, tasks, arguments.workers)
-
-
-def _report_end(
-    arguments: Namespace,
-    console: Console,
-    total: int,
-    earlier: int,
-    failures: dict[str, str],
-    rows: list[dict[str, Any]],
-) -> None:
-    """Say what became of the batch, as an error if items have failed."""
-    found = f" ({earlier} earlier)" if earlier else ""
-    lost = f", {len(failures)} failed" if failures else ""
-    output = arguments.output
-    console.print(f"{total - len(failures)} of {total} done{found}{lost}; see {output / SUMMARY}.")
-    print_json(arguments, {"folder": str(output), "items": rows})
-    if failures:
-        first, failure = next(iter(failures.items()))
-        why = f", since: {failure}" if console.quiet else "."  # else that has been printed
-        raise InputError(
-            f"{len(failures)} of {total} items failed, the first is {first}{why} All are in {output / SUMMARY}."
-        )
-
-
-def trim_item(words: Sequence[str], folder: Path, made_from: MadeFrom) -> str:
+def trim_item(words: Sequence[str], folder: Path, files: Mapping[str, list[int]]) -> str:
     """Trim an item as the command does; return why it failed, or nothing."""
     try:
         with redirect_stderr(io.StringIO()):  # what it warns of is in its report
             item = parser_of("trim").parse([*words, "--output", str(folder), "--overwrite", "--quiet"])
-            trim.run(item, lambda scene, level, say: _read_scene(scene, level), {"made_from": made_from})
+            trim.run(item, lambda scene, level, say: _read_scene(scene, level), {"files": files})
     except Exception as error:  # A defect of the program must not stop the other items.
         place = traceback.extract_tb(error.__traceback__)[-1]
         defect = f"A defect of the program: {type(error).__name__}: {error} ({place.filename}, line {place.lineno})."
@@ -224,10 +207,12 @@ def _stamp(path: Path) -> list[int]:
     return [len(found), sum(one.st_size for one in found), max((one.st_mtime_ns for one in found), default=0)]
 
 
-def _is_made(folder: Path, made_from: MadeFrom) -> bool:
-    """Return whether the results of an item are whole, and made from just this."""
+def _is_made(item: Item, folder: Path) -> bool:
+    """Return whether the results of an item are whole, and made by this version from just this."""
     with suppress(InputError, OSError, LookupError, TypeError):
-        return is_complete(folder) and bool(read_json(folder / "report.json")["inputs"]["made_from"] == made_from)
+        report = read_json(folder / "report.json") if is_complete(folder) else {}
+        made = report["version"], report["command"], report["inputs"]["files"]
+        return made == (__version__, ["trim", *item.words], item.files)
     return False
 
 
@@ -241,10 +226,10 @@ def _remove_rest(folder: Path, output: Path) -> None:
             place.rmdir()
 
 
-def _row_of(item: Item, folder: Path, made_from: MadeFrom, failure: str) -> dict[str, Any]:
+def _row_of(item: Item, folder: Path, failure: str) -> dict[str, Any]:
     """Return what the summary says of an item: the numbers of its report, or why there is none."""
     row = dict.fromkeys(COLUMNS, "") | {"name": item.name, "state": "left", "message": failure}
-    if failure or not _is_made(folder, made_from):
+    if failure or not _is_made(item, folder):
         return row | ({"state": "failed"} if failure else {})
     try:
         return row | _numbers_of(read_json(folder / "report.json"))

@@ -164,7 +164,7 @@ def announce_compiling(console: Console) -> None:
     if not CACHE:
         console.print(_COMPILING_AGAIN)
     elif not any(Path(str(blend_tiles.stats.cache_path)).glob("numba_kernels.blend_tiles-*.nbi")):
-        from gaussian_trimmer.rendering.compiling_ahead import start_compiling
+        from gaussian_trimmer.rendering.gradients import start_compiling
 
         console.print(_COMPILING)
         start_compiling()

@@ -9,13 +9,13 @@ from typing import Any, Literal
 from rich.console import Console
 
 from gaussian_trimmer import formats
+from gaussian_trimmer.commands.arguments import LEVEL, add_placing, placing_of
 from gaussian_trimmer.commands.console import add_printing, console_of, print_json, print_up, refuse_existing
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.parser import UP, Parser
-from gaussian_trimmer.trim_arguments import LEVEL, add_placing, placing_of
 from gaussian_trimmer.trimming.up_vector import DEFAULT_UP, find_up
 
 ABOUT = """Convert a splat file. The endings of the names tell the formats.

@@ -14,6 +14,7 @@ import numpy as np
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.commands.arguments import TRUST, selection_options_of
 from gaussian_trimmer.commands.console import add_printing, open_console
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.evaluation.clip_iqa import ClipScorer
@@ -57,7 +58,6 @@ from gaussian_trimmer.parser import Parser
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selection_files import SelectionOptions, load_objects
 from gaussian_trimmer.settings import Range, Share
-from gaussian_trimmer.trim_arguments import TRUST, selection_options_of
 from gaussian_trimmer.views.view import grown
 
 Findings = tuple[Mapping[str, ScoreTable], Sequence[Run], Mapping[str, Any]]

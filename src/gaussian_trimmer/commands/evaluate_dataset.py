@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from gaussian_trimmer.commands.arguments import add_stages, config_of, selection_options_of
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import Findings, add_rules, add_tables, judge_of, publish_as
 from gaussian_trimmer.errors import InputError
@@ -26,7 +27,6 @@ from gaussian_trimmer.evaluation.tables import (
 from gaussian_trimmer.evaluation.trials import Run, find_files, measure, read_ids, trials_of, way_of
 from gaussian_trimmer.parser import Parser
 from gaussian_trimmer.settings import to_plain
-from gaussian_trimmer.trim_arguments import add_stages, config_of, selection_options_of
 
 ABOUT = {
     "nvos": """Measure methods on NVOS before and after trimming.

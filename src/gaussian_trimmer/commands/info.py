@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.commands.arguments import LEVEL, TRUST
 from gaussian_trimmer.commands.console import add_printing, console_of, print_json
 from gaussian_trimmer.errors import InputError, clip_name, printable
 from gaussian_trimmer.formats.identify import FORMATS, SELECTION_SUFFIXES, STREAMED, Identity, identify
@@ -28,7 +29,6 @@ from gaussian_trimmer.selection_files.kinds import LABEL_NAMES, MASK
 from gaussian_trimmer.selection_files.labels import count_ids, list_ids, list_names
 from gaussian_trimmer.selection_files.row_matching import has_identity_features
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, flag, open_selection
-from gaussian_trimmer.trim_arguments import LEVEL, TRUST
 
 ABOUT = "Say what splat files, selections and camera files hold, and how a selection can be used."
 _FAINT_OPACITY, _SOLID_OPACITY = 0.05, 0.95

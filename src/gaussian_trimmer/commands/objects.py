@@ -12,8 +12,9 @@ from typing import Any
 
 from rich.console import Console
 
-from gaussian_trimmer.batch.tables import FOUND_OBJECTS, write_table
+from gaussian_trimmer.commands.arguments import add_scene, add_trimming
 from gaussian_trimmer.commands.console import console_of, in_lengths, print_json, print_up, progress_over_stages
+from gaussian_trimmer.commands.manifest import FOUND_OBJECTS, write_table
 from gaussian_trimmer.commands.trim_run import add_results, read_scene, scene_name, trim_into, words_again
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
@@ -23,7 +24,6 @@ from gaussian_trimmer.finding.saving import FOUND_FILES, write_found
 from gaussian_trimmer.io.folders import atomic_folder, is_made_of
 from gaussian_trimmer.io.writing import safe_file_name
 from gaussian_trimmer.parser import PROGRAM, Parser
-from gaussian_trimmer.trim_arguments import add_scene, add_trimming
 from gaussian_trimmer.trimming.up_vector import UpVector, find_up
 
 _KIND = "objects"

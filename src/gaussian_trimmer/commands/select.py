@@ -12,8 +12,8 @@ import numpy as np
 from rich.console import Console
 
 from gaussian_trimmer.cameras import CameraSet, Viewpoint, up_frame
+from gaussian_trimmer.commands.arguments import add_marks, add_scene, add_trimming, mark_files, marks_of
 from gaussian_trimmer.commands.console import console_of, in_lengths, print_json, print_up, refuse_existing
-from gaussian_trimmer.commands.mark_options import add_marks, mark_files, marks_of
 from gaussian_trimmer.commands.trim_run import (
     MARKS,
     Selected,
@@ -38,7 +38,6 @@ from gaussian_trimmer.selecting.select import resolve_views, select
 from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.settings import Range
 from gaussian_trimmer.surface.overview import Overview, OverviewConfig, drawn_rows, plan_views
-from gaussian_trimmer.trim_arguments import add_scene, add_trimming
 from gaussian_trimmer.trimming.result import THE_OBJECT
 from gaussian_trimmer.trimming.up_vector import UpVector, find_up
 

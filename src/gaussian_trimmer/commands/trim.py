@@ -1,4 +1,4 @@
-"""`gaussian-trimmer trim`: a scene and rough selections in, sharp objects and a clean background out."""
+"""`gaussian-trimmer trim`: a scene and rough selections in, sharp objects and a clean background out; and `demo`."""
 
 from __future__ import annotations
 
@@ -13,10 +13,19 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from gaussian_trimmer import sample
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands import parser_of
-from gaussian_trimmer.commands.console import console_of
-from gaussian_trimmer.commands.mark_options import add_marks, mark_files, marks_of, views_of
+from gaussian_trimmer.commands.arguments import (
+    add_marks,
+    add_scene,
+    add_trimming,
+    mark_files,
+    marks_of,
+    selection_options_of,
+    views_of,
+)
+from gaussian_trimmer.commands.console import console_of, open_console
 from gaussian_trimmer.commands.trim_run import (
     NOT_REPEATED,
     Selected,
@@ -38,16 +47,12 @@ from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.selection_files import load_objects
 from gaussian_trimmer.selection_files.kinds import is_trimmed
 from gaussian_trimmer.selection_files.selection_file import open_selection
-from gaussian_trimmer.trim_arguments import (
-    add_scene,
-    add_trimming,
-    selection_options_of,
-)
 from gaussian_trimmer.trimming.result import THE_OBJECT
 
 ABOUT = """Sharpen a rough selection of one object, or of several: write objects, the scene without them, and a report.
 
 Without SELECTION, and without anything else that says what to select, the file is taken to hold the object alone."""
+ABOUT_DEMO = "Trim an object of the sample scene that comes with the program, and say where the results are."
 ReadScene = Callable[..., Gaussians]
 """Reads a scene as `formats.read` does."""
 EXAMPLES = (
@@ -60,7 +65,10 @@ EXAMPLES = (
 
 
 def add_arguments(parser: Parser) -> None:
-    """Say what the command takes."""
+    """Say what `trim`, or `demo`, takes."""
+    if parser.command == "demo":
+        _add_demo(parser)
+        return
     parser.describe(ABOUT, run, EXAMPLES)
     add_scene(parser, nargs="?")  # --config may name it
     selection = (
@@ -244,3 +252,28 @@ def _rows_of(path: Path, scene: Gaussians) -> BoolArray:
     if path.suffix == ".npz" and is_trimmed(open_selection(path, len(scene))):
         return np.asarray(load_objects(path, scene) > 0)
     return read_selection(path, scene)
+
+
+def _add_demo(parser: Parser) -> None:
+    parser.describe(ABOUT_DEMO, _demo)
+    output = "Folder for the results (default: trimmed/demo, where every run replaces those of the last)"
+    parser.add_argument("--output", kind=Path, metavar="DIR", help=output)
+    parser.add_argument("--overwrite", kind=bool, help="Replace earlier results in the output folder")
+    parser.add_argument("--quiet", kind=bool, help="Print nothing but errors")
+
+
+def _demo(arguments: Namespace) -> int:
+    console, folder = open_console(quiet=arguments.quiet), arguments.output or Path("trimmed") / "demo"
+    console.print("The sample: a toy lighthouse on a table, roughly selected, with parts of the table around its foot.")
+    words = [*map(str, [sample.SCENE, sample.SELECTION, "--cameras", sample.CAMERAS]), "--html"]
+    own = ["--output", str(folder), *(["--overwrite"] if arguments.overwrite or arguments.output is None else [])]
+    given = parser_of("trim").parse([*words, *own, *(["--quiet"] if arguments.quiet else [])])
+    code = run(given)
+    console.print(
+        f"\nLook first at {folder / 'report.html'} in a browser: before and after, and what was done.\n"
+        f"{folder / 'before_after.png'}: selection, trimmed object and the scene without it, in one picture.\n"
+        f"{folder / 'object.ply'} and {folder / 'background.ply'}: for any splat viewer.\n"
+        f"{folder / 'views'}: where the outline was drawn. {folder / 'report.json'}: all numbers."
+    )
+    console.print(f"The same by hand:\n  {shlex.join([PROGRAM, 'trim', *words])}")
+    return code

@@ -17,6 +17,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands import parser_of
+from gaussian_trimmer.commands.arguments import config_of, placing_of, suffix_for
 from gaussian_trimmer.commands.console import (
     add_printing,
     announce_compiling,
@@ -28,14 +29,13 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.folders import atomic_folder
-from gaussian_trimmer.masks import draw_masks
 from gaussian_trimmer.masks.mask_files import read_masks
+from gaussian_trimmer.masks.sam import draw_masks
 from gaussian_trimmer.output.report import describe, sentences
 from gaussian_trimmer.output.saving import PAGE, PICTURE, RESULTS, result_files, write_trim
 from gaussian_trimmer.parser import Parser
 from gaussian_trimmer.selecting.marks import Click, write_marks
 from gaussian_trimmer.selecting.selection import Selection
-from gaussian_trimmer.trim_arguments import config_of, placing_of, suffix_for
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.result import THE_OBJECT, TrimResult, title_of

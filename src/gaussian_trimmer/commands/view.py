@@ -8,6 +8,7 @@ from typing import Annotated
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.serving import MOST_SHOWN, serving, wait
+from gaussian_trimmer.commands.arguments import CAMERAS
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
@@ -15,7 +16,6 @@ from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.io.writing import Stopped
 from gaussian_trimmer.parser import Parser
 from gaussian_trimmer.settings import Range
-from gaussian_trimmer.trim_arguments import CAMERAS
 
 ABOUT = """Open the app in a browser: mark an object, trim it, look at it from all sides, correct, and save.
 

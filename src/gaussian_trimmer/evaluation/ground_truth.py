@@ -18,14 +18,12 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
-from gaussian_trimmer.io.reading import decoded_picture, file_bytes, is_file, path_inside, picture_size, reading
-from gaussian_trimmer.masks.mask_files import cameras_with_masks, find_mask
+from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
+from gaussian_trimmer.masks.mask_files import cameras_with_masks, find_mask, read_picture
 from gaussian_trimmer.views.view import HALF_COVERAGE
 
-_MAX_FILE_BYTES = 1 << 28
 _MAX_PIXELS = 1 << 26
 _MAX_POLYGON_BYTES = 1 << 24
-_JPEG = b"\xff\xd8"
 _ASPECT_TOLERANCE = 0.02
 """Relative difference of aspect ratios up to which two pictures show the same: sizes are rounded to whole pixels."""
 _SAME_COVERAGE = 1.5 / 255
@@ -70,9 +68,9 @@ def read_mask(path: Path) -> FloatArray:
     that a file whose only values are 0 and 1 holds labels.
 
     Raises:
-        InputError: the file cannot be read as a picture, or has more than 67 million pixels.
+        InputError: the file cannot be read as a picture, or has too many pixels.
     """
-    grey, is_jpeg = _decoded(path, cv2.IMREAD_GRAYSCALE)
+    grey, is_jpeg = read_picture(path, cv2.IMREAD_GRAYSCALE)
     if is_jpeg:
         return (grey > HALF_COVERAGE).astype(np.float32)
     return grey.astype(np.float32) / np.float32(1 if grey.max() == 1 else 255)
@@ -111,7 +109,7 @@ def read_photograph(path: Path, width: int, height: int) -> FloatArray:
     Raises:
         InputError: as for `read_mask`, or the picture has another shape.
     """
-    bgr, _ = _decoded(path, cv2.IMREAD_COLOR)
+    bgr, _ = read_picture(path, cv2.IMREAD_COLOR)
     picture = np.ascontiguousarray(bgr[..., ::-1].astype(np.float32) / np.float32(255))
     if not _same_shape(picture.shape[1] / picture.shape[0], width / height):
         raise InputError(
@@ -241,16 +239,3 @@ def _drawn(size: tuple[int, int], parts: dict[str, list[NDArray[np.int32]]], cat
 
 def _same_shape(a: float, b: float) -> bool:
     return abs(a - b) <= _ASPECT_TOLERANCE * min(a, b)
-
-
-def _decoded(path: Path, mode: int) -> tuple[NDArray[np.uint8], bool]:
-    """Return the pixels of a picture, and whether it is a JPEG."""
-    with reading(path):
-        data = file_bytes(path, _MAX_FILE_BYTES)
-    size = picture_size(data)
-    if size is not None and size[0] * size[1] > _MAX_PIXELS:
-        raise InputError(f"The picture '{path}' has {size[0]} x {size[1]} pixels, too many; make it smaller.")
-    picture = decoded_picture(data, mode) if size else None
-    if picture is None:
-        raise InputError(f"'{path}' cannot be read as a picture; masks are best saved as PNG.")
-    return np.asarray(picture, np.uint8), data.startswith(_JPEG)

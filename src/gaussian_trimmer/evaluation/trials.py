@@ -26,8 +26,7 @@ from gaussian_trimmer.evaluation.scoring import Cut, Judge, Scores, mean_scores
 from gaussian_trimmer.formats.identify import FORMATS, METHOD_FILES, SELECTION_SUFFIXES
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import file_bytes, reading
-from gaussian_trimmer.masks import draw_masks
-from gaussian_trimmer.masks.sam import SamModel
+from gaussian_trimmer.masks.sam import SamModel, draw_masks
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.surface.visible_surface import evenly_spread
 from gaussian_trimmer.trimming.config import TrimConfig

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering import blend_values
-from gaussian_trimmer.rendering.lifting import label_weights, share_inside
+from gaussian_trimmer.rendering.tile_renderer import label_weights, share_inside
 from gaussian_trimmer.views.view import MIN_SEEN_PIXELS, View, mask_overlap
 
 _CONFIDENCE_WEIGHT = 0.32

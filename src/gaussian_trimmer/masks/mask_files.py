@@ -32,6 +32,7 @@ from gaussian_trimmer.views.view import HALF_COVERAGE, ViewMasks
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 _MAX_FILE_BYTES = 1 << 28
+_JPEG = b"\xff\xd8"
 _NUMBER = re.compile(r"\d+$")
 
 
@@ -147,34 +148,32 @@ def find_mask(folder: Path, camera: Camera, names_in: Callable[[Path], frozenset
     return found[0] if found else None
 
 
+def read_picture(path: Path, mode: int) -> tuple[NDArray[Any], bool]:
+    """Return the pixels of a picture file as OpenCV gives them in a mode, and whether it is a JPEG.
+
+    Raises:
+        InputError: the file cannot be read as a picture, or has more than 134 million pixels.
+    """
+    with reading(path):
+        data = file_bytes(path, _MAX_FILE_BYTES)
+    size = picture_size(data)
+    if size is not None and size[0] * size[1] > MAX_PIXELS:
+        raise InputError(f"The picture '{path}' has {size[0]} x {size[1]} pixels, too many; make it smaller.")
+    picture = decoded_picture(data, mode) if size else None
+    if picture is None:
+        raise InputError(f"'{path}' is not a picture that can be read; masks are best saved as PNG.")
+    return picture, data.startswith(_JPEG)
+
+
 def _read(camera: Camera, folder: Path, mode: int) -> NDArray[Any]:
     path = find_mask(folder, camera)
     if path is None:
         raise InputError(f"The folder '{folder}' has no mask for the view '{camera.name}'.")
-    with reading(path):
-        data = file_bytes(path, _MAX_FILE_BYTES)
-    size = picture_size(data)
-    if size is None:
-        raise _unreadable(path)
-    # A picture that its camera turned on its side says its size before the turn; OpenCV turns it back.
-    if sorted(size) != sorted((camera.width, camera.height)):
-        raise _wrong_size(path, *size, camera)
-    if size[0] * size[1] > MAX_PIXELS:
-        raise InputError(f"The mask '{path}' has {size[0]} x {size[1]} pixels, too many to decode.")
-    picture = decoded_picture(data, mode)
-    if picture is None:
-        raise _unreadable(path)
-    if picture.shape[:2] != (camera.height, camera.width):
-        raise _wrong_size(path, picture.shape[1], picture.shape[0], camera)
+    picture, _ = read_picture(path, mode)
+    height, width = picture.shape[:2]
+    if (width, height) != (camera.width, camera.height):
+        raise InputError(
+            f"The mask '{path}' has {width} x {height} pixels, but its camera has {camera.width} x {camera.height}; "
+            "resize the masks, keeping hard edges, or the cameras."
+        )
     return picture
-
-
-def _unreadable(path: Path) -> InputError:
-    return InputError(f"'{path}' is not a picture that can be read; masks are best saved as PNG.")
-
-
-def _wrong_size(path: Path, width: int, height: int, camera: Camera) -> InputError:
-    return InputError(
-        f"The mask '{path}' has {width} x {height} pixels, but its camera has {camera.width} x {camera.height}; resize "
-        "the masks, keeping hard edges, or the cameras."
-    )

@@ -21,7 +21,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray
@@ -37,17 +36,8 @@ IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
 _PROMPTS = ("point_coords", "point_labels", "mask_input", "has_mask_input")
 _SIZE = "orig_im_size"
 _MASKS, _SCORES = ("low_res_masks", "masks"), "iou_predictions"
-_DTYPES = {
-    "tensor(float)": np.float32,
-    "tensor(float16)": np.float16,
-    "tensor(double)": np.float64,
-    "tensor(int64)": np.int64,
-    "tensor(int32)": np.int32,
-    "tensor(uint8)": np.uint8,
-}
-_USUAL_SIDE, _POSSIBLE_SIDES = 1024, range(32, 4097)
-"""Sides of the square that pictures are scaled to, in pixels."""
-_MAX_FILES, _MAX_BYTES, _MAX_MASKS = 64, 8 << 30, 64
+_USUAL_SIDE = 1024
+"""Side in pixels of the square that pictures are scaled to, where an export leaves it open."""
 _WHERE = "docs/sam.md says where models come from"
 
 
@@ -82,18 +72,15 @@ class OnnxSam:
         self._errors = _errors_of(self._runtime)
         self._encoder_path, self._decoder_path = _find_files(folder)
         self._encoder, self._decoder = (self._load(path) for path in (self._encoder_path, self._decoder_path))
-        self._image = self._only_input()
+        self._image = self._encoder.get_inputs()[0]
         self._inputs = {node.name: node for node in self._decoder.get_inputs()}
-        self._features = self._match_features()
         outputs = [node.name for node in self._decoder.get_outputs()]
         self._masks = next((name for name in _MASKS if name in outputs), "")
-        if not self._masks or _SCORES not in outputs:
-            raise InputError(
-                f"'{self._decoder_path}' is not a decoder of the SAM family: it gives {', '.join(outputs)}, and not "
-                "masks with their scores."
-            )
+        self._features = [name for name in self._inputs if name not in (*_PROMPTS, _SIZE)]
+        self._check(outputs)
         self.is_sam2 = len(self._features) > 1
-        self.side = self._find_side()
+        side = self._image.shape[2]
+        self.side = side if isinstance(side, int) else _USUAL_SIDE
 
     def propose(self, rgb: FloatArray, prompt: Prompt) -> tuple[FloatArray, FloatArray]:
         """Return the masks that the model proposes for a prompt in a picture, and its estimates of their quality.
@@ -109,24 +96,18 @@ class OnnxSam:
             InputError: the model cannot be run on it, or gives something else than masks.
         """
         height, width = rgb.shape[:2]
-        features = self._run(self._encoder, self._encoder_path, list(self._features.values()), self._pixels(rgb))
+        features = self._run(self._encoder, self._encoder_path, self._features, {self._image.name: self._pixels(rgb)})
         feeds = dict(zip(self._features, features, strict=True)) | self._prompt_feeds(width, height, prompt)
         masks, scores = self._run(self._decoder, self._decoder_path, [self._masks, _SCORES], feeds)
-        masks, scores = np.asarray(masks, np.float32), np.asarray(scores, np.float32).ravel()
-        n_masks = int(np.prod(masks.shape[:-2], dtype=np.int64)) if masks.ndim >= 3 else 0
-        if not 1 <= n_masks <= _MAX_MASKS or 0 in masks.shape[-2:] or not np.isfinite(masks).all():
+        masks, scores = masks.reshape(-1, *masks.shape[-2:]), np.nan_to_num(scores.ravel())
+        if not len(masks) == len(scores) > 0 or not masks.size or not np.isfinite(masks).all():
             raise InputError(
-                f"The decoder '{self._decoder_path}' gives '{self._masks}' of shape {masks.shape}; up to {_MAX_MASKS} "
-                "masks of finite numbers are needed."
+                f"The decoder '{self._decoder_path}' gives masks {masks.shape} and {len(scores)} scores; finite "
+                "numbers and a score for each mask are needed."
             )
-        if len(scores) != n_masks:
-            raise InputError(f"The decoder '{self._decoder_path}' gives {len(scores)} scores for {n_masks} masks.")
-        masks = masks.reshape(n_masks, *masks.shape[-2:])
-        return self._at_picture_size(masks, width, height), np.nan_to_num(scores)
+        return self._at_picture_size(masks, width, height), scores
 
     def _load(self, path: Path) -> Any:
-        if path.stat().st_size > _MAX_BYTES:
-            raise InputError(f"The model '{path}' has {path.stat().st_size} bytes; more than {_MAX_BYTES} are refused.")
         options = self._runtime.SessionOptions()
         options.log_severity_level = 4  # What goes wrong becomes an error of our own.
         # Threads that spin while they wait lose their time to whatever else runs on the machine.
@@ -138,53 +119,28 @@ class OnnxSam:
         except self._errors as error:
             raise InputError(f"The model '{path}' cannot be loaded ({_first_line(error)}); {_WHERE}.") from error
 
-    def _run(
-        self, session: Any, path: Path, names: Sequence[str], feeds: Mapping[str, NDArray[Any]]
-    ) -> list[NDArray[Any]]:
+    def _run(self, session: Any, path: Path, names: Sequence[str], feeds: Mapping[str, FloatArray]) -> list[FloatArray]:
         try:
-            return list(session.run(list(names), dict(feeds)))
+            return [np.asarray(found, np.float32) for found in session.run(list(names), dict(feeds))]
         except self._errors as error:
             raise InputError(f"The model '{path}' cannot be run ({_first_line(error)}).") from error
 
-    def _only_input(self) -> Any:
-        """Return the input of the encoder that takes the picture; InputError if it takes something else."""
-        inputs = self._encoder.get_inputs()
-        fits = len(inputs) == 1 and len(inputs[0].shape) == 4 and inputs[0].type in _DTYPES
-        if not fits or (isinstance(inputs[0].shape[1], int) and inputs[0].shape[1] != 3):
-            found = ", ".join(f"{node.name} {node.shape}" for node in inputs)
-            raise InputError(f"'{self._encoder_path}' is not an encoder of a picture: it takes {found or 'nothing'}.")
-        return inputs[0]
-
-    def _match_features(self) -> dict[str, str]:
-        """Return the inputs of the decoder that the encoder gives: by the same names, or the only one there is."""
-        given = [node.name for node in self._encoder.get_outputs()]
-        wanted = [name for name in self._inputs if name not in (*_PROMPTS, _SIZE)]
-        if not wanted or any(name not in self._inputs for name in _PROMPTS):
+    def _check(self, outputs: Sequence[str]) -> None:
+        """Refuse an encoder and a decoder that are none, or are of two exports."""
+        if len(self._encoder.get_inputs()) != 1 or len(self._image.shape) != 4:
+            found = ", ".join(f"{node.name} {node.shape}" for node in self._encoder.get_inputs())
+            raise InputError(f"'{self._encoder_path}' is not an encoder of a picture: it takes {found}.")
+        if not self._masks or _SCORES not in outputs or not self._features or not {*_PROMPTS} <= {*self._inputs}:
             raise InputError(
                 f"'{self._decoder_path}' is not a decoder of the SAM family as the original code exports it: it takes "
-                f"{', '.join(self._inputs)}. {_WHERE[0].upper()}{_WHERE[1:]}."
+                f"{', '.join(self._inputs)}, and gives {', '.join(outputs)}. {_WHERE[0].upper()}{_WHERE[1:]}."
             )
-        if unknown := [node for node in self._inputs.values() if node.type not in _DTYPES]:
-            raise InputError(f"'{self._decoder_path}' cannot be run: its {unknown[0].name} is a {unknown[0].type}.")
-        if len(wanted) == len(given) == 1:
-            return {wanted[0]: given[0]}
-        if missing := [name for name in wanted if name not in given]:
+        given = [node.name for node in self._encoder.get_outputs()]
+        if missing := [name for name in self._features if name not in given]:
             raise InputError(
                 f"The decoder '{self._decoder_path}' needs '{missing[0]}', which the encoder '{self._encoder_path}' "
                 f"does not give (it gives {', '.join(given)}); take both files from one export."
             )
-        return {name: name for name in wanted}
-
-    def _find_side(self) -> int:
-        """Return the side of the square that the encoder's pictures are scaled to."""
-        spatial = self._image.shape[2:]
-        known = {size for size in spatial if isinstance(size, int)}
-        if len(known) > 1 or any(size not in _POSSIBLE_SIDES for size in known):
-            raise InputError(
-                f"The encoder '{self._encoder_path}' takes pictures of {' x '.join(map(str, spatial))} pixels; squares "
-                f"of {_POSSIBLE_SIDES.start} to {_POSSIBLE_SIDES.stop - 1} are supported."
-            )
-        return known.pop() if known else _USUAL_SIDE
 
     def _scale(self, width: int, height: int) -> Float64Array:
         """Return pixels of the model's square for each pixel of a picture, across and down, (2,)."""
@@ -192,19 +148,17 @@ class OnnxSam:
             return np.array([self.side / width, self.side / height])
         return np.full(2, self.side / max(width, height))
 
-    def _pixels(self, rgb: FloatArray) -> dict[str, NDArray[Any]]:
-        """Return a picture as the encoder takes it."""
+    def _pixels(self, rgb: FloatArray) -> FloatArray:
+        """Return a picture as the encoder takes it, (1, 3, side, side)."""
         size = np.maximum(1, np.round(self._scale(rgb.shape[1], rgb.shape[0]) * rgb.shape[1::-1])).astype(int)
         way = cv2.INTER_AREA if size[0] < rgb.shape[1] else cv2.INTER_LINEAR
         image = cv2.resize(np.clip(rgb, 0, 1).astype(np.float32), size.tolist(), interpolation=way)
         mean, std = (np.asarray(values, np.float32) for values in IMAGENET)
         square = np.zeros((self.side, self.side, 3), np.float32)
         square[: size[1], : size[0]] = (np.asarray(image, np.float32) - mean) / std
-        return {
-            self._image.name: np.ascontiguousarray(square.transpose(2, 0, 1)[None]).astype(_DTYPES[self._image.type])
-        }
+        return np.ascontiguousarray(square.transpose(2, 0, 1)[None])
 
-    def _prompt_feeds(self, width: int, height: int, prompt: Prompt) -> dict[str, NDArray[Any]]:
+    def _prompt_feeds(self, width: int, height: int, prompt: Prompt) -> dict[str, FloatArray]:
         """Return a prompt as the decoder takes it: pixels of the model's square, counted by their centres."""
         fixed = self._inputs["mask_input"].shape[-1]
         side = int(fixed) if isinstance(fixed, int) else self.side // 4
@@ -216,11 +170,7 @@ class OnnxSam:
             "has_mask_input": np.array([float(prompt.logits is not None)]),
             _SIZE: np.array([height, width]),
         }
-        return {
-            name: value.astype(_DTYPES[self._inputs[name].type])
-            for name, value in values.items()
-            if name in self._inputs
-        }
+        return {name: value.astype(np.float32) for name, value in values.items() if name in self._inputs}
 
     def _at_model_size(self, logits: FloatArray, side: int) -> FloatArray:
         """Return logits of a picture (H, W) in the square of the mask prompt, (side, side)."""
@@ -231,8 +181,6 @@ class OnnxSam:
 
     def _at_picture_size(self, masks: FloatArray, width: int, height: int) -> FloatArray:
         """Return logits (K, h, w) as they come from the decoder, at the picture's size, (K, H, W)."""
-        if _SIZE in self._inputs and masks.shape[1:] == (height, width):
-            return masks
         scale = self._scale(width, height) * np.array([masks.shape[2], masks.shape[1]]) / self.side
         columns, rows = ((np.arange(n) + 0.5) * s - 0.5 for n, s in zip((width, height), scale, strict=True))
         return np.stack([_sampled(mask, columns, rows) for mask in masks])
@@ -248,8 +196,6 @@ def _find_files(folder: Path) -> tuple[Path, Path]:
         files = [file for file in sorted(folder.iterdir()) if file.suffix in (".onnx", ".ort") and is_file(file)]
     except (OSError, ValueError) as error:
         raise InputError(f"The folder '{folder}' cannot be read ({_first_line(error)}); {_WHERE}.") from error
-    if len(files) > _MAX_FILES:
-        raise InputError(f"The folder '{folder}' has {len(files)} model files; put the two that are meant into one.")
     decoders = [file for file in files if "decoder" in file.name.lower()]
     encoders = [file for file in files if "encoder" in file.name.lower() and file not in decoders]
     rest = [file for file in files if file not in decoders and file not in encoders]

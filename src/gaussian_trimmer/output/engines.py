@@ -274,7 +274,7 @@ def _turn_of_band(rotation: Float64Array, first: int, end: int) -> FloatArray:
 
     A turned harmonic is a sum of harmonics of its own degree, so values in a few directions determine it.
     """
-    from gaussian_trimmer.rendering.harmonics import sh_basis
+    from gaussian_trimmer.rendering.blending import sh_basis
 
     directions = np.random.default_rng(0).normal(size=(64, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

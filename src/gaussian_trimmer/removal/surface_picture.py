@@ -14,7 +14,7 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntA
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
 from gaussian_trimmer.removal.views import RemovalViews
 from gaussian_trimmer.rendering import Rendering, blend_values
-from gaussian_trimmer.rendering.harmonics import view_colours
+from gaussian_trimmer.rendering.blending import view_colours
 from gaussian_trimmer.views.view import HALF, grown
 
 PIXELS_A_RADIUS = 64

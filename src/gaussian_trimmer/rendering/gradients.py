@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import dataclass
+from typing import Any
 
+import numba
 import numpy as np
+from numba import boolean, float32, float64, int32, int64, uint8
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.parallel import WORTH_A_THREAD, parallel_for
 from gaussian_trimmer.rendering import gradient_kernels as kernels
+from gaussian_trimmer.rendering.projection_kernels import Ellipsoids, Pinhole, Tiles
 from gaussian_trimmer.rendering.tile_renderer import (
     Projection,
     blend_view,
@@ -18,6 +24,13 @@ from gaussian_trimmer.rendering.tile_renderer import (
     project_view,
     whole_tiles,
 )
+
+types: Any = numba.types
+_TABLE, _IMAGES = float32[:, ::1], float32[:, :, ::1]
+_TILES = types.NamedTuple((int64, int64[::1], int32[::1], uint8[:, ::1], int64, int64), Tiles)
+_ELLIPSOIDS = types.NamedTuple((_TABLE, _TABLE, _TABLE, float32[::1]), Ellipsoids)
+_PINHOLE = types.NamedTuple((float64[:, ::1], float64[::1], float64[::1], float64[::1]), Pinhole)
+_SHOWN, _SUMS = types.UniTuple(_IMAGES, 2), types.Tuple((_TABLE, boolean[::1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,3 +148,20 @@ def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatA
     derivatives = np.zeros((len(gaussians), kernels.N_PARAMETERS), np.float32)
     derivatives[rows] = found
     return derivatives
+
+
+def start_compiling() -> None:
+    """Compile the derivatives' kernels, which a first trim needs late, in a process that nothing waits for.
+
+    They are found in the cache when they are called.
+    """
+    command = [sys.executable, "-c", f"import {__name__} as gradients; gradients.compile_kernels()"]
+    subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def compile_kernels() -> None:
+    """Compile these kernels by the types that they are called with."""
+    kernels.huber_gradient.compile((_IMAGES, _IMAGES, _IMAGES, float32))
+    kernels.differentiate_tiles.compile((_TABLE, _TABLE, boolean[::1], _TILES, _SHOWN, _SUMS, types.UniTuple(int64, 2)))
+    kernels.sum_moving_pairs.compile((_TABLE, int64[::1], int32[::1], boolean[::1], _TABLE))
+    kernels.gather.compile((_ELLIPSOIDS, _PINHOLE, _TABLE, _TABLE, _TABLE, _TABLE))

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 from weakref import ref
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.parallel import WORTH_A_THREAD, parallel_for
+from gaussian_trimmer.parallel import WORTH_A_THREAD, parallel_for, parallel_map
 from gaussian_trimmer.rendering.blending import FRUSTUM_MARGIN, MOST_PAIRS, Rendering
 from gaussian_trimmer.rendering.numba_kernels import blend_tiles, sum_pairs, top_of_pixels
 from gaussian_trimmer.rendering.projection_kernels import (
@@ -47,6 +47,8 @@ _BYTES_OF_A_WEIGHT = 4
 _PROJECTED_TOGETHER = 1 << 16
 """Gaussians that are projected in one call, so that what is copied of a table stays small."""
 _NO_LABELS = np.zeros((0, 1, 1), np.float32)
+UNDECIDED = np.float32(0.5)
+"""Share inside the masks, and probability, that speak neither for the object nor against it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +132,37 @@ def blend_weights(gaussians: Gaussians, camera: Camera, labels: NDArray[np.uint8
     indicators = (labels[None] == np.arange(n_labels, dtype=np.uint8)[:, None, None]).astype(np.float32)
     no_values = np.zeros((len(projection.rows), 0), np.float32)
     return projection.scattered(_blend(projection, no_values, camera, indicators)[1], len(gaussians))
+
+
+def label_weights(
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    labels: Iterable[NDArray[np.uint8] | BoolArray],
+    n_labels: int = 2,
+) -> Iterator[FloatArray]:
+    """Blend weights of each Gaussian summed over the pixels of each label, (N, n_labels), one array a view.
+
+    Args:
+        gaussians: what the views show, N Gaussians.
+        cameras: the cameras of the views.
+        labels: the label of each pixel, (H, W) each; of a mask, 0 outside and 1 inside.
+        n_labels: how many labels there are; pixels of higher ones are left out.
+    """
+
+    def weights(camera: Camera, image: NDArray[np.uint8] | BoolArray) -> FloatArray:
+        return blend_weights(gaussians, camera, image.astype(np.uint8), n_labels)
+
+    return parallel_map(weights, cameras, labels)
+
+
+def share_inside(weights: FloatArray, min_weight: float = 0.0) -> FloatArray:
+    """Return the share of the blend weights outside and inside of masks (N, 2) that is inside, (N,).
+
+    It is one half where there is no more weight than `min_weight`.
+    """
+    total = weights.sum(axis=1)
+    share = np.full_like(total, UNDECIDED)
+    return np.asarray(np.divide(weights[:, 1], total, out=share, where=total > min_weight))
 
 
 def top_contributors(gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int) -> tuple[IntArray, FloatArray]:

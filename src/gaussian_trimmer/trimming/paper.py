@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
-from gaussian_trimmer.rendering.lifting import UNDECIDED, label_weights, share_inside
+from gaussian_trimmer.rendering.tile_renderer import UNDECIDED, label_weights, share_inside
 from gaussian_trimmer.trimming.evidence import Decomposition, EvidenceConfig
 from gaussian_trimmer.views.view import MIN_SEEN_PIXELS, TrimmedView, visible_weight
 

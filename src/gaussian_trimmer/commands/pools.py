@@ -15,7 +15,7 @@ import socket
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
@@ -30,7 +30,7 @@ Task = tuple[Any, ...]
 
 def on_processes(
     function: Callable[..., str], tasks: Sequence[Task], workers: int | None = None
-) -> Iterator[tuple[int, str]]:
+) -> Generator[tuple[int, str]]:
     """Call a function for every task on processes of this machine, by default one a processor.
 
     Raises:
@@ -63,7 +63,7 @@ def on_processes(
 
 def on_ray(
     function: Callable[..., str], tasks: Sequence[Task], workers: int | None = None, address: str | None = None
-) -> Iterator[tuple[int, str]]:
+) -> Generator[tuple[int, str]]:
     """Call a function for every task on a Ray cluster, a processor each.
 
     Args:
@@ -100,9 +100,7 @@ def on_ray(
 
 def cores() -> int:
     """Return the number of processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager

@@ -1,26 +1,13 @@
-"""The tables of a batch: the manifest, a row for every object or scene, and the summary of what became of each.
-
-| column | |
-|---|---|
-| `scene` | splat file, or folder of a training |
-| `selection` | file with one object; or `labels` |
-| `labels` | file with an id for every Gaussian, and |
-| `objects` | the ids to trim, each an item: "3 5 7", or "all" for every id above zero |
-| `name` | folder of the results below the output folder; with `labels`, a folder in it for each object |
-| `cameras` | training cameras |
-| `up` | "z", "-y", or three numbers |
-| `options` | options as `gaussian-trimmer trim` has them: "--views 7 --format spz" |
-
-Paths are relative to the manifest's folder.
-"""
+"""Manifests of batches, whose columns docs/batch.md explains: the words of `trim` for each object of each scene."""
 
 from __future__ import annotations
 
 import csv
 import io
+import re
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -37,9 +24,7 @@ FOUND_OBJECTS = "batch.csv"
 _ELSEWHERE = {
     **{f"--{name}": f"is the column '{name}'" for name in ("cameras", "labels", "objects")},
     "--output": "is the column 'name', below --output of the batch",
-    "--overwrite": "is not needed: a batch replaces its own results",
-    "--json": "is an option of the batch itself",
-    "--quiet": "is an option of the batch itself",
+    **{f"--{name}": "is an option of the batch itself" for name in ("overwrite", "json", "quiet")},
 }
 """Options of `trim` that a row cannot have, and where a batch has them."""
 _PUNCTUATION = "._-+"
@@ -54,37 +39,34 @@ class Item:
 
     name: str
     """Folder of its results below `items` in the output."""
-    words: tuple[str, ...]
+    words: tuple[str, ...] = ()
     """What `trim` is told of it: scene, selection and options, but not where the results go."""
+    files: Mapping[str, list[int]] = field(default_factory=dict)
+    """What it is made from: number of files, bytes and latest change in nanoseconds at each path."""
 
 
-def read_manifest(path: Path, check: Callable[[Sequence[str]], tuple[str, Sequence[str]]]) -> list[Item]:
+def read_manifest(path: Path, item_of: Callable[[str, Sequence[str]], Item]) -> list[Item]:
     """Return the items of a manifest.
 
     Args:
         path: the file.
-        check: refuses words of `trim` that are not possible; returns what its folder would be called, and all words,
-            with those of the options of all rows.
+        item_of: makes an item of a name, which may be empty, and words of `trim`; refuses those that are not possible.
 
     Raises:
         InputError: the file cannot be read, or rows are not possible; the message names the rows.
     """
     if is_file(path / FOUND_OBJECTS):
         raise InputError(f"'{path}' is a folder; give the manifest in it, '{path / FOUND_OBJECTS}'.")
-    if not is_file(path):
-        raise InputError(f"There is no manifest '{path}'.")
-    if path.suffix.lower() != ".csv":
-        raise InputError(f"'{path}' is not a manifest; give a table that ends with .csv.")
+    if not is_file(path) or path.suffix.lower() != ".csv":
+        raise InputError(f"There is no manifest '{path}'; give a table that ends with .csv.")
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"'{path}' is not text in UTF-8 (byte {error.start}); save it as such.") from error
-    items, wrong, ids_of_files = list[Item](), list[str](), dict[Path, list[int]]()
+    items, wrong = list[Item](), list[str]()
     for line, row in _rows(text):
         try:
-            for name, words in _trims_of(row, path.absolute().parent, ids_of_files):
-                folder, words_of_all = check(words)
-                items.append(Item(_checked_name(name or folder), tuple(words_of_all)))
+            items += [item_of(name, words) for name, words in _trims_of(row, path.absolute().parent)]
         except InputError as error:
             wrong.append(f"line {line}: {error}")
     if wrong:
@@ -106,13 +88,12 @@ def check_names(items: Iterable[Item]) -> None:
         if (name := item.name.casefold()) in known:  # some file systems fold cases
             raise InputError(f"Two items are named '{clip_name(item.name)}'; give each a name of its own.")
         known.add(name)
-    for name in known:
-        for parent in map(str, PurePosixPath(name).parents):
-            if parent in known:
-                raise InputError(
-                    f"The folder of item '{clip_name(name)}' would lie in that of '{clip_name(parent)}'; give one of "
-                    "them another name."
-                )
+    for inner in known:
+        if outer := known.intersection(map(str, PurePosixPath(inner).parents)):
+            raise InputError(
+                f"The folder of item '{clip_name(inner)}' would lie in that of '{clip_name(min(outer))}'; give one of "
+                "them another name."
+            )
 
 
 def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
@@ -158,9 +139,7 @@ def _rows(text: str) -> Iterator[tuple[int, dict[str, Any]]]:
         raise InputError(f"The manifest cannot be read from line {reader.line_num} on: {error}.") from error
 
 
-def _trims_of(
-    row: dict[str, Any], folder: Path, ids_of_files: dict[Path, list[int]]
-) -> Iterator[tuple[str, list[str]]]:
+def _trims_of(row: dict[str, Any], folder: Path) -> Iterator[tuple[str, list[str]]]:
     """Yield the name, empty if there is none, and the words of each trim that a row asks for."""
     if None in row or None in row.values():
         raise InputError("It does not have as many columns as the first line.")
@@ -186,37 +165,32 @@ def _trims_of(
     if not labels:
         yield name, [scene, *([selection] if selection else []), *more]
         return
-    for number in _ids(objects, Path(labels), ids_of_files):
+    for number in _ids(objects, Path(labels)):
         one = ["--set", "selection.kind=labels", "--set", f"selection.object-id={number}"]
         yield f"{name}/{number}" if name else "", [scene, labels, *more, *one]
 
 
-def _ids(wanted: str, labels: Path, ids_of_files: dict[Path, list[int]]) -> list[int]:
-    """Return the ids that are wanted of a file of labels, which is read for 'all' alone, and once."""
+def _ids(wanted: str, labels: Path) -> list[int]:
+    """Return the ids that are wanted of a file of labels, which is read for 'all' alone."""
     if wanted == "all":
-        if labels not in ids_of_files:
-            ids_of_files[labels] = _ids_above_zero(labels)
-        return ids_of_files[labels]
-    try:
-        ids = [int(word) for word in wanted.replace(",", " ").replace(";", " ").split()]
-    except ValueError:
-        ids = []
-    if not ids or len(set(ids)) < len(ids):
+        values = open_selection(labels).vector(SelectionOptions(), "labels", "label", "ids", "instance")
+        if values is None or values.dtype.kind not in "iu":
+            raise InputError(f"'{labels}' holds no one-dimensional array of whole numbers that could be labels.")
+        if not (ids := [number for number in count_ids(values)[0] if number > 0]):
+            raise InputError(f"'{labels}' has no ids above zero.")
+        return ids
+    words = wanted.replace(",", " ").replace(";", " ").split()
+    if len(set(words)) < len(words) or not all(re.fullmatch(r"-?\d{1,10}", word) for word in words):
         raise InputError(f"The objects are '{clip_name(wanted)}'; give each id once, as in '3 5 7', or 'all'.")
-    return ids
+    return [int(word) for word in words]
 
 
-def _ids_above_zero(labels: Path) -> list[int]:
-    values = open_selection(labels).vector(SelectionOptions(), "labels", "label", "ids", "instance")
-    if values is None or values.dtype.kind not in "iu":
-        raise InputError(f"'{labels}' holds no one-dimensional array of whole numbers that could be labels.")
-    ids = [number for number in count_ids(values)[0] if number > 0]
-    if not ids:
-        raise InputError(f"'{labels}' has no ids above zero.")
-    return ids
+def checked_name(name: str) -> str:
+    """Return a name of a folder that is possible on every system.
 
-
-def _checked_name(name: str) -> str:
+    Raises:
+        InputError: it is not.
+    """
     parts = [part for part in name.split("/") if part not in ("", ".", "..")]
     possible = "/".join(safe_file_name(part, _PUNCTUATION) for part in parts or ["_"])
     if name != possible:
