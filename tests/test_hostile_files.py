@@ -127,8 +127,8 @@ class TestMessages:
 class TestFilesThatChange:
     def test_selections(self, tmp_path, monkeypatch):
         np.save(tmp_path / "a.npy", rows_mask(N, 2))
-        read = selection_file.read_npy
-        monkeypatch.setattr(selection_file, "read_npy", lambda path: (read(path), os.utime(path, (7, 7)))[0])
+        read = selection_file._read_npy
+        monkeypatch.setattr(selection_file, "_read_npy", lambda path: (read(path), os.utime(path, (7, 7)))[0])
         with pytest.raises(InputError, match="changed while it was read"):
             load_selection(tmp_path / "a.npy", SCENE)
 

@@ -16,7 +16,7 @@ from gaussian_trimmer.selecting.lifting import (
     lift_by_assignment,
     lift_objects_by_assignment,
 )
-from gaussian_trimmer.selection_files.labels import assign_labels
+from gaussian_trimmer.selection_files.method_kinds import assign_labels
 
 # Seven Gaussians: three at the left, two at the right, one behind the left ones, one that no camera has in its frame.
 CENTRES = np.array([[-0.5, y, 0] for y in (-0.3, 0, 0.3)] + [[0.5, y, 0] for y in (-0.2, 0.2)] + [[-0.5, 0, 3.0]])

@@ -238,24 +238,25 @@ def test_a_list_with_many_equal_numbers_is_none(tmp_path):
         select(tmp_path / "rows.txt")
 
 
-def test_labels_of_a_trim_select_its_object(tmp_path):
-    arrays = {"source_index": [7, 2, 2, 0, 1, 3], "label": np.zeros(6, np.uint8), "n_object": np.int64(3)}
-    np.savez(tmp_path / "labels.npz", **arrays)
-    assert select(tmp_path / "labels.npz") == [2, 7]
-    np.savez(tmp_path / "several.npz", **arrays, object_ids=[4, 9], object_rows=[1, 2], n_scene=N)
-    assert select(tmp_path / "several.npz", object_id=(4,)) == [7]
-    assert select(tmp_path / "several.npz", object_id=(4, 9)) == [2, 7]
-    with pytest.raises(InputError, match=r"ids \(Gaussians\): 4 \(1\), 9 \(2\)"):
-        select(tmp_path / "several.npz")
-    np.savez(tmp_path / "other.npz", **{**arrays, "source_index": [7, 2, 40, 0, 1, 3]})
-    with pytest.raises(InputError, match="made for another scene"):
-        select(tmp_path / "other.npz")
-    np.savez(tmp_path / "resized.npz", **arrays, n_scene=N + 1)
-    with pytest.raises(InputError, match="made for another scene"):
-        select(tmp_path / "resized.npz")
-    np.savez(tmp_path / "wrong.npz", **{**arrays, "n_object": np.int64(-3)})
-    with pytest.raises(InputError, match="is damaged"):
-        select(tmp_path / "wrong.npz")
+def test_labels_of_a_trim_select_its_objects(tmp_path):
+    arrays = {"source_index": [7, 2, 2, 0, 1, 3], "object_ids": [4, 9], "object_rows": [1, 2], "n_scene": N}
+    path = tmp_path / "labels.npz"
+    np.savez(path, **arrays)
+    assert select(path, object_id=(4,)) == [7]
+    assert select(path, object_id=(4, 9)) == [2, 7]
+    np.savez(tmp_path / "one.npz", **{**arrays, "object_ids": [1], "object_rows": [3]})
+    assert select(tmp_path / "one.npz") == [2, 7]
+    for changed, message in (
+        ({}, r"ids \(Gaussians\): 4 \(1\), 9 \(2\)"),
+        ({"source_index": [7, 2, 40, 0, 1, 3]}, "made for another scene"),
+        ({"n_scene": N + 1}, "made for another scene"),
+        ({"object_rows": [1, -3]}, "is damaged"),
+        ({"object_rows": [1, 6]}, "is damaged"),
+        ({"object_ids": [1.5, 2]}, "is damaged"),
+    ):
+        np.savez(path, **{**arrays, **changed})
+        with pytest.raises(InputError, match=message):
+            select(path)
 
 
 def test_text_of_windows_is_read(tmp_path: Path) -> None:

@@ -24,9 +24,8 @@ from gaussian_trimmer.io.reading import is_file, read_json
 from gaussian_trimmer.parser import Parser
 from gaussian_trimmer.selecting.marks import KINDS, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, arrays_that_select, offered_kinds
-from gaussian_trimmer.selection_files.feature_kinds import classifier_of
-from gaussian_trimmer.selection_files.kinds import LABEL_NAMES, MASK
-from gaussian_trimmer.selection_files.labels import count_ids, list_ids, list_names
+from gaussian_trimmer.selection_files.kinds import LABEL_NAMES, MASK, count_ids, list_ids, list_names
+from gaussian_trimmer.selection_files.method_kinds import classifier_of
 from gaussian_trimmer.selection_files.row_matching import has_identity_features
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, flag, open_selection
 

@@ -15,7 +15,7 @@ from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.io.reading import is_file
 from gaussian_trimmer.io.writing import safe_file_name, write_whole
 from gaussian_trimmer.selection_files import SelectionOptions
-from gaussian_trimmer.selection_files.labels import count_ids
+from gaussian_trimmer.selection_files.kinds import count_ids
 from gaussian_trimmer.selection_files.selection_file import open_selection
 
 COLUMNS = ("scene", "selection", "labels", "objects", "name", "cameras", "up", "options")

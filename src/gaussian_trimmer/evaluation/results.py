@@ -13,8 +13,7 @@ from gaussian_trimmer.evaluation.scoring import Cut, cut_by
 from gaussian_trimmer.gaussians import Gaussians, concatenate, mask_of_rows
 from gaussian_trimmer.io.reading import is_folder, path_inside, read_json
 from gaussian_trimmer.selection_files import SelectionOptions, kinds, load_selection
-from gaussian_trimmer.selection_files.kinds import MASK
-from gaussian_trimmer.selection_files.labels import check_ids
+from gaussian_trimmer.selection_files.kinds import MASK, check_ids
 from gaussian_trimmer.selection_files.selection_file import open_selection
 
 

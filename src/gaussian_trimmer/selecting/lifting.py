@@ -18,7 +18,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
 from gaussian_trimmer.masks.mask_files import cameras_with_masks, ids_of
 from gaussian_trimmer.rendering.tile_renderer import label_weights
-from gaussian_trimmer.selection_files.labels import assign_labels
+from gaussian_trimmer.selection_files.method_kinds import assign_labels
 from gaussian_trimmer.views.view import HALF_COVERAGE
 
 LabelArray = NDArray[np.uint8]

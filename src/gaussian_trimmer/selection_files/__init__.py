@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
-from gaussian_trimmer.selection_files import feature_kinds, kinds
-from gaussian_trimmer.selection_files.labels import check_ids, count_ids
+from gaussian_trimmer.selection_files import kinds, method_kinds
+from gaussian_trimmer.selection_files.kinds import check_ids, count_ids
 from gaussian_trimmer.selection_files.selection_file import Kind, SelectionFile, SelectionOptions, flag, open_selection
 from gaussian_trimmer.settings import check_settings
 
@@ -32,10 +32,10 @@ KINDS: dict[str, tuple[Select, tuple[str, ...]]] = {
     "indices": (kinds.select_indices, ("property",)),
     "subset": (kinds.select_subset, ()),
     "property": (kinds.select_property, ("property", "threshold", "object_id")),
-    "classifier": (feature_kinds.select_classifier, ("classifier", "object_id", "threshold")),
-    "similarity": (feature_kinds.select_similarity, ("query_row", "threshold")),
-    "checkpoint": (feature_kinds.select_checkpoint, ("threshold",)),
-    "flashsplat": (kinds.select_flashsplat, ("object_id", "gamma")),
+    "classifier": (method_kinds.select_classifier, ("classifier", "object_id", "threshold")),
+    "similarity": (method_kinds.select_similarity, ("query_row", "threshold")),
+    "checkpoint": (method_kinds.select_checkpoint, ("threshold",)),
+    "flashsplat": (method_kinds.select_flashsplat, ("object_id", "gamma")),
     "trimmed": (kinds.select_trimmed, ("object_id",)),
 }
 """Kind -> the function that finds the selection (N,), and names of the options that it understands."""
@@ -151,14 +151,14 @@ def offered_kinds(file: SelectionFile, n: int, options: SelectionOptions) -> lis
         return ["trimmed"]
     by_features = options.classifier is not None or options.query_row is not None
     with_mask = file.columns is not None and kinds.MASK in file.columns
-    weights = kinds.flashsplat_weights(file)
+    weights = method_kinds.flashsplat_weights(file)
     offered = {
         "mask": _may_be_mask(file.vector(options, *kinds.MASK_NAMES), n, options),
         "labels": _may_be_labels(file, n, options),
         "indices": _may_be_indices(file.vector(options, *kinds.INDEX_NAMES), n, file.is_list),
         "subset": file.columns is not None and not (by_features or options.property is not None or with_mask),
         "property": file.columns is not None and not by_features and (options.property is not None or with_mask),
-        "classifier": feature_kinds.classifier_of(file) is not None
+        "classifier": method_kinds.classifier_of(file) is not None
         or (file.has_features and options.classifier is not None),
         "similarity": file.has_features and options.query_row is not None,
         "checkpoint": file.checkpoint is not None and not by_features,

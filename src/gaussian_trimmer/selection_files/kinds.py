@@ -1,4 +1,4 @@
-"""Selections in arrays and splat files: masks, labels, row numbers, FlashSplat's weights, rows cut out of the scene.
+"""Selections in arrays and splat files: masks, labels, row numbers, rows cut out of the scene, results of a trim.
 
 Editors such as SuperSplat, and the interfaces of OmniSeg3D-GS and others, save the object's rows as they are. SAGD
 also saves `point_cloud_seg_gd.ply`, in which boundary Gaussians have been moved and shrunk. Compressed formats round,
@@ -10,6 +10,8 @@ program's own `labels.npz` says which rows of the scene a trim gave to each obje
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,6 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, mask_of_rows
-from gaussian_trimmer.selection_files.labels import assign_labels, check_ids, list_names, select_ids
 from gaussian_trimmer.selection_files.row_matching import attributes_of, match_changed_rows
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, SelectionOptions, flag
 
@@ -32,17 +33,16 @@ LOGITS = re.compile(r"seg_point_cloud_\d+\.npy")
 """SA3D-GS's scores, which are positive on the object."""
 _LEAST_DISTINCT = 0.5
 """Share of the numbers of a list that must be different; else they are labels of some other scene."""
-_LARGEST_WEIGHT = 1e30
 MASK = "mask"
 """The property that SA3D-GS adds."""
 _LARGEST_ID = 2**53
-SOURCE, LABEL, OBJECTS = "source_index", "label", "n_object"
-"""Arrays of every such file: scene row of each row of the objects and then of the background, what happened to it, and
-the number of rows of all objects together."""
+SOURCE, IDS, ROWS, SCENE_SIZE = "source_index", "object_ids", "object_rows", "n_scene"
+"""Arrays of every result of a trim: scene row of each row of the objects and then of the background, the objects' ids,
+number of rows of each, and of Gaussians of the scene."""
 SELECTED = "selected"
-"""Array of newer files of one object: the scene rows that were selected before the trim."""
-IDS, ROWS, SCENE_SIZE = "object_ids", "object_rows", "n_scene"
-"""Arrays that newer files have as well: ids of the objects, number of rows of each, and of Gaussians of the scene."""
+"""Array of a result of one object: the scene rows that were selected before the trim."""
+_LISTED = 24
+_LISTED_IN_MESSAGES = 8
 
 
 def is_two_valued(values: NDArray[Any]) -> bool:
@@ -112,30 +112,6 @@ def select_indices(file: SelectionFile, gaussians: Gaussians, options: Selection
     return mask_of_rows(rows, n)
 
 
-def select_flashsplat(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
-    """Return the Gaussians of the chosen objects, (N,); if there is only one object, it need not be chosen.
-
-    FlashSplat's `view_num_*_objnum_*.pth` holds the blend weights of every Gaussian, summed by the label of the pixel;
-    row 0 is the background.
-
-    Raises:
-        InputError: there are no such weights for N Gaussians, or the objects are not chosen or have no Gaussians.
-    """
-    weights = flashsplat_weights(file)
-    if weights is None or weights.shape[1] != len(gaussians):
-        shape = "" if weights is None else f" but {weights.shape}"
-        raise InputError(
-            f"'{file.path.name}' does not hold weights of shape (objects + 1, {len(gaussians)}){shape}; give the "
-            "scene that they were accumulated on."
-        )
-    if not (np.abs(weights) <= _LARGEST_WEIGHT).all():
-        raise InputError(f"'{file.path.name}' holds weights that are NaN, infinite or huge; accumulate them again.")
-    wanted = options.object_id or ((1,) if len(weights) == 2 else ())
-    numbers = np.arange(1, len(weights))
-    found = assign_labels(weights.shape[1], numbers, lambda part: weights[[0, *part]].T, options.gamma)
-    return select_ids(found, wanted, file.path)
-
-
 def _one_each(file: SelectionFile, values: NDArray[Any] | None, gaussians: Gaussians, what: str) -> NDArray[Any]:
     """Return the values, if they are one for each Gaussian of the scene."""
     if values is None:
@@ -146,14 +122,6 @@ def _one_each(file: SelectionFile, values: NDArray[Any] | None, gaussians: Gauss
             " give the scene that it was made for."
         )
     return values
-
-
-def flashsplat_weights(file: SelectionFile) -> NDArray[Any] | None:
-    """Return the weights (L, M) that FlashSplat saves, if the file holds such an array."""
-    if len(file.arrays) != 1:
-        return None
-    weights = next(iter(file.arrays.values()))
-    return weights if weights.ndim == 2 and weights.dtype.kind == "f" and len(weights) >= 2 else None
 
 
 def select_subset(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
@@ -204,7 +172,7 @@ def select_property(file: SelectionFile, gaussians: Gaussians, options: Selectio
 
 def is_trimmed(file: SelectionFile) -> bool:
     """Return whether a file has the arrays that every trim writes."""
-    return {SOURCE, LABEL, OBJECTS} <= file.arrays.keys()
+    return {SOURCE, IDS, ROWS, SCENE_SIZE} <= file.arrays.keys()
 
 
 def select_trimmed(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
@@ -222,7 +190,7 @@ def select_trimmed(file: SelectionFile, gaussians: Gaussians, options: Selection
 
 
 def rows_of_objects(file: SelectionFile, n: int) -> dict[int, np.ndarray]:
-    """Scene rows of each object by its id; a result of one object has the id 1.
+    """Return the scene rows of each object by its id.
 
     Args:
         file: the file.
@@ -233,19 +201,16 @@ def rows_of_objects(file: SelectionFile, n: int) -> dict[int, np.ndarray]:
     """
     if not is_trimmed(file):
         raise InputError(f"'{file.path.name}' is not the labels.npz of a trim: it lacks some of its arrays.")
-    source, count = file.arrays[SOURCE], file.arrays[OBJECTS].reshape(-1)
-    ids, rows = file.arrays.get(IDS, np.array([1])), file.arrays.get(ROWS, count)
-    size = int(file.arrays.get(SCENE_SIZE, np.array(n)).reshape(-1)[0])
-    if (
-        any(array.dtype.kind not in "iu" or array.ndim != 1 for array in (source, count, ids, rows))
-        or ids.shape != rows.shape or (rows < 0).any() or rows.sum() > len(source)
-    ):  # fmt: skip
+    source, ids, rows, size = (file.arrays[name].reshape(-1) for name in (SOURCE, IDS, ROWS, SCENE_SIZE))
+    if any(array.dtype.kind not in "iu" for array in (source, ids, rows, size)) or not (
+        len(size) == 1 and len(ids) == len(rows) and (rows >= 0).all() and rows.sum() <= len(source)
+    ):
         raise InputError(f"'{file.path.name}' is damaged: its arrays are not those of a trim.")
-    of_objects, last = source[: rows.sum()], int(source.max(initial=-1))
-    if size != n or of_objects.min(initial=0) < 0 or last >= n:
+    of_objects = source[: rows.sum()]
+    if size[0] != n or of_objects.min(initial=0) < 0 or source.max(initial=-1) >= n:
         raise InputError(
-            f"'{file.path.name}' was made for another scene: it names rows up to {last} of {max(size, last + 1)}, and "
-            f"this one has {n} Gaussians; give the scene that was trimmed."
+            f"'{file.path.name}' was made for another scene, of {size[0]} Gaussians, and this one has {n}; give the "
+            "scene that was trimmed."
         )
     parts = np.split(of_objects, np.cumsum(rows)[:-1])
     return {int(number): part for number, part in zip(ids, parts, strict=True)}
@@ -265,3 +230,68 @@ def selected_rows(file: SelectionFile, n: int) -> np.ndarray | None:
     if rows is not None and (rows.dtype.kind not in "iu" or rows.min(initial=0) < 0 or rows.max(initial=-1) >= n):
         raise InputError(f"'{file.path.name}' is damaged: its arrays are not those of a trim.")
     return rows
+
+
+def list_ids(ids: Sequence[int], counts: Sequence[int], most: int = _LISTED) -> str:
+    """Return ids with their numbers of Gaussians; if there are many, those with most of them, in this order.
+
+    >>> list_ids([0, 3], [10, 90])
+    '0 (10), 3 (90)'
+    >>> list_ids([1, 2, 3], [5, 10, 90], most=2)
+    '3 (90), 2 (10) and 1 more, with fewer'
+    """
+    listed = range(len(ids)) if len(ids) <= most else sorted(range(len(ids)), key=lambda i: -counts[i])[:most]
+    left_out = f" and {len(ids) - most} more, with fewer" if len(ids) > most else ""
+    return ", ".join(f"{ids[i]} ({counts[i]})" for i in listed) + left_out
+
+
+def list_names(names: Iterable[str]) -> str:
+    """Names of columns from a file, the first ones if there are many; runs that differ in their last number are one.
+
+    >>> list_names(["mask", "obj_dc_0", "obj_dc_1", "obj_dc_2"])
+    'mask, obj_dc_0 to obj_dc_2'
+    """
+    runs: dict[str, list[str]] = {}
+    for name in names:
+        runs.setdefault(re.sub(r"\d+$", "#", name), []).append(name)
+    listed = [
+        clip_name(run[0]) if len(run) == 1 else f"{clip_name(run[0])} to {clip_name(run[-1])}" for run in runs.values()
+    ]
+    left_out = f" and {len(listed) - _LISTED} more" if len(listed) > _LISTED else ""
+    return ", ".join(listed[:_LISTED]) + left_out
+
+
+def count_ids(labels: NDArray[Any]) -> tuple[list[int], list[int]]:
+    """Return the ids among labels (N,) and how many entries have each."""
+    ids, counts = np.unique(labels, return_counts=True)
+    return ids.tolist(), counts.tolist()
+
+
+def select_ids(labels: NDArray[Any], wanted: Sequence[int], path: Path) -> BoolArray:
+    """Return which labels (M,) are among the wanted ids.
+
+    Raises:
+        InputError: no id is wanted, or one does not occur.
+    """
+    check_ids(wanted, *count_ids(labels), path)
+    return np.isin(labels, wanted)
+
+
+def check_ids(wanted: Sequence[int], ids: Sequence[int], counts: Sequence[int], path: Path) -> None:
+    """Refuse a choice of nothing, or of ids that no Gaussian has; the message lists the objects that there are.
+
+    Raises:
+        InputError: no id is wanted, or one does not occur.
+    """
+    present = {i: count for i, count in zip(ids, counts, strict=True) if count}
+    objects = {i: n for i, n in present.items() if i > 0 or len(present) <= _LISTED_IN_MESSAGES}  # 0 is mostly none
+    listing = list_ids(list(objects), list(objects.values()), _LISTED_IN_MESSAGES) or "none"
+    if not wanted:
+        raise InputError(
+            f"'{path.name}' holds several objects; choose with {flag('object_id')}, or trim several with --labels, "
+            f"among these ids (Gaussians): {listing}."
+        )
+    if absent := sorted(set(wanted) - present.keys()):
+        raise InputError(
+            f"'{path.name}' has no Gaussians of object {', '.join(map(str, absent))}; its ids (Gaussians): {listing}."
+        )

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from tokenize import TokenError
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -15,8 +18,7 @@ from gaussian_trimmer.formats import FORMATS, check_values, torch_files
 from gaussian_trimmer.formats.checkpoints import Checkpoint, is_checkpoint, parse_checkpoint
 from gaussian_trimmer.formats.identify import SELECTION_SUFFIXES, TEXT_SUFFIXES, TORCH_SUFFIXES, identify
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
-from gaussian_trimmer.io.reading import is_file, reading
-from gaussian_trimmer.selection_files.read_array import read_json, read_npy, read_npz, read_text
+from gaussian_trimmer.io.reading import file_bytes, is_file, open_archive, read_json, reading
 from gaussian_trimmer.selection_files.row_matching import (
     Columns,
     attributes_of,
@@ -35,6 +37,12 @@ _LISTED_ARRAYS = 12
 _FREE_ARCHIVE_BYTES = 1 << 26
 _ARCHIVE_BYTES_PER_GAUSSIAN = 1 << 9
 _ARCHIVE_BYTES_WITHOUT_SCENE = 1 << 28
+
+_MAX_NUMBER_BYTES = 8
+_MAX_TEXT_BYTES = 1 << 27
+_LARGEST_WHOLE = 2**53
+_DAMAGE = (ValueError, TypeError, OverflowError, SyntaxError, TokenError, MemoryError, RecursionError, EOFError)
+"""What NumPy raises for damaged arrays, and Python's parsers for their headers."""
 
 
 @dataclass(frozen=True)
@@ -160,18 +168,18 @@ def open_selection(path: Path, n: int | None = None) -> SelectionFile:
 def _open(path: Path, n: int | None) -> SelectionFile:
     suffix = path.suffix.lower()
     if suffix == ".npy":
-        return SelectionFile(path, {"": read_npy(path)})
+        return SelectionFile(path, {"": _read_npy(path)})
     if suffix == ".npz":
         limit = _ARCHIVE_BYTES_WITHOUT_SCENE if n is None else _FREE_ARCHIVE_BYTES + _ARCHIVE_BYTES_PER_GAUSSIAN * n
-        return SelectionFile(path, read_npz(path, limit))
+        return SelectionFile(path, _read_npz(path, limit))
     if suffix in TEXT_SUFFIXES:
-        return SelectionFile(path, {"": read_text(path)}, is_list=True)
+        return SelectionFile(path, {"": _read_text(path)}, is_list=True)
     if suffix in TORCH_SUFFIXES:
         return _read_torch(path)
     if identify(path).kind == "splats":
         return SelectionFile(path, columns=read_splat_columns(path))
     if suffix == ".json":
-        return SelectionFile(path, {"": read_json(path)}, is_list=True)
+        return SelectionFile(path, {"": _read_list(path)}, is_list=True)
     raise InputError(
         f"'{path.name}' is not a known selection file; known endings: {', '.join((*SELECTION_SUFFIXES, *FORMATS))}. "
         "(Masks of images are not a selection: lift them to the scene with 'gaussian-trimmer select'.)"
@@ -195,3 +203,113 @@ def _read_torch(path: Path) -> SelectionFile:
         f"'{path}' holds a {torch_files.type_name(value)} that is not a selection; a tensor, a dict of tensors or a "
         "training checkpoint is needed."
     )
+
+
+def _read_npy(path: Path) -> NDArray[Any]:
+    """Return the array of numbers in an .npy file.
+
+    Raises:
+        InputError: the file cannot be read, is damaged, or holds something else than booleans or numbers.
+    """
+    try:
+        with path.open("rb") as file:
+            array: NDArray[Any] = np.lib.format.read_array(file)
+    except _DAMAGE as error:
+        raise InputError(
+            f"'{path}' is damaged, or is not a NumPy array of numbers ({clip_name(str(error))}); save it again with "
+            "NumPy."
+        ) from error
+    if not _is_number(array):
+        raise InputError(f"'{path}' holds values of type {array.dtype.str:.20}; booleans or numbers are needed.")
+    return array
+
+
+def _read_npz(path: Path, limit: int) -> dict[str, NDArray[Any]]:
+    """Return the arrays of numbers in an .npz file by name, of at most `limit` bytes together; others are left out.
+
+    Raises:
+        InputError: the file cannot be read, is damaged, holds no numbers, or more than the limit.
+    """
+    arrays = {}
+    with open_archive(path, "NumPy .npz archive of numbers") as archive:
+        entries = [entry for entry in archive.infolist() if entry.filename.endswith(".npy")]
+        if (size := sum(entry.file_size for entry in entries)) > limit:
+            raise InputError(f"'{path}' holds arrays of {size} bytes, too many for a selection of this scene.")
+        for entry in entries:
+            with archive.open(entry) as file:
+                try:
+                    array = np.lib.format.read_array(file)
+                except _DAMAGE:  # objects, which would have to be unpickled
+                    continue
+            if _is_number(array):
+                arrays[entry.filename.removesuffix(".npy")] = array
+    if not arrays:
+        raise InputError(f"'{path}' holds no array of numbers.")
+    return arrays
+
+
+def _read_text(path: Path) -> NDArray[Any]:
+    """Return the whole numbers in a text in UTF-8 or UTF-16, between white space, commas and semicolons.
+
+    What stands behind a '#' in its line is left out, and so is a first line of words, the header of a table.
+
+    Raises:
+        InputError: the file holds something else, such as a table of several columns.
+    """
+    data = file_bytes(path, _MAX_TEXT_BYTES)
+    try:
+        text = data.decode(json.detect_encoding(data))
+    except UnicodeDecodeError as error:
+        raise InputError(f"'{path}' is not a list of whole numbers, or its text is damaged.") from error
+    text = re.sub(r"#.*", "", text).lstrip()
+    header, _, rest = text.partition("\n")
+    if header.lstrip("\"'")[:1].isalpha():
+        if min(len(_words(header)), len(_words(rest.partition("\n")[0]))) > 1:
+            raise InputError(
+                f"'{path}' is a table of {len(_words(header))} columns; give the row numbers alone, one in each line."
+            )
+        text = rest
+    try:
+        return np.array([_whole(word) for word in _words(text)], np.int64)
+    except (ValueError, OverflowError) as error:
+        raise InputError(f"'{path}' is not a list of whole numbers: {clip_name(str(error))}.") from error
+
+
+def _read_list(path: Path) -> NDArray[Any]:
+    """Return the whole numbers or booleans of a JSON list, or of the only list in a JSON object.
+
+    Raises:
+        InputError: the file holds something else.
+    """
+    value = read_json(path, _MAX_TEXT_BYTES)
+    if isinstance(value, dict):
+        lists = [entry for entry in value.values() if isinstance(entry, list)]
+        value = lists[0] if len(lists) == 1 else None
+    kinds = {type(entry) for entry in value} if isinstance(value, list) else {None}
+    if kinds == {bool}:
+        return np.array(value, np.bool_)
+    try:
+        if kinds <= {bool, int, float}:
+            return np.array([_whole(str(entry)) for entry in value], np.int64)
+    except (ValueError, OverflowError):
+        pass
+    raise InputError(f"'{path}' is not a list of whole numbers or booleans; give row numbers as [0, 5, 7].")
+
+
+def _is_number(array: NDArray[Any]) -> bool:
+    return array.dtype.kind in "biuf" and array.dtype.itemsize <= _MAX_NUMBER_BYTES
+
+
+def _words(text: str) -> list[str]:
+    return text.replace(",", " ").replace(";", " ").split()
+
+
+def _whole(word: str) -> int:
+    """Return the whole number that a word says, also as 9.0 or 9e3; ValueError if it says none."""
+    try:
+        return int(word)
+    except ValueError:
+        value = float(word)
+        if not abs(value) < _LARGEST_WHOLE or value != int(value):
+            raise
+        return int(value)

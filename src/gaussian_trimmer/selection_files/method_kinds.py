@@ -1,20 +1,26 @@
-"""Selections by what a method trained for each Gaussian: identity features, or a foreground logit.
+"""Selections by what a method found for each Gaussian: identity features, a foreground logit, weights of labels.
 
 Features select with the linear classifier that was trained on them, or like those of one Gaussian.
 
 Gaussian Grouping and OmniSeg3D-GS save 16 features a Gaussian as obj_dc_0 .. obj_dc_15, or as entry 7 of a
 checkpoint. `classifier.pth` is the state of a 1 x 1 convolution, weight (K, 16, 1, 1) and bias (K,); Unified-Lift's is
 a bare weight (256, 16). In COB-GS's checkpoint `chkpnt<iteration>.pth`, entry 7 is a foreground logit.
+FlashSplat's `view_num_*_objnum_*.pth` holds the blend weights of every Gaussian, summed by the label of the pixel; row
+0 is the background.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, mask_of_rows, sigmoid
 from gaussian_trimmer.io.reading import LARGEST
-from gaussian_trimmer.selection_files.labels import check_ids
+from gaussian_trimmer.selection_files.kinds import check_ids, select_ids
 from gaussian_trimmer.selection_files.row_matching import identity_features
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, SelectionOptions, flag, open_selection
 
@@ -26,6 +32,8 @@ _FOREGROUND = 0.9
 """COB-GS's threshold on the sigmoid."""
 _FEATURES = 16
 _PROBABILITIES_AT_ONCE = 1 << 22
+_LARGEST_WEIGHT = 1e30
+_OBJECTS_AT_ONCE = 16
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what becomes infinite is found where it is used
@@ -153,3 +161,68 @@ def _features_and_rows(file: SelectionFile, gaussians: Gaussians) -> tuple[Float
             f"'{file.path.name}' is used with identity features that are NaN, infinite or huge; train again."
         )
     return features, np.arange(len(gaussians)) if own is None else file.scene_rows(gaussians)
+
+
+def flashsplat_weights(file: SelectionFile) -> NDArray[Any] | None:
+    """Return the weights (L, M) that FlashSplat saves, if the file holds such an array."""
+    if len(file.arrays) != 1:
+        return None
+    weights = next(iter(file.arrays.values()))
+    return weights if weights.ndim == 2 and weights.dtype.kind == "f" and len(weights) >= 2 else None
+
+
+def select_flashsplat(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
+    """Return the Gaussians of the chosen objects, (N,); if there is only one object, it need not be chosen.
+
+    Raises:
+        InputError: there are no such weights for N Gaussians, or the objects are not chosen or have no Gaussians.
+    """
+    weights = flashsplat_weights(file)
+    if weights is None or weights.shape[1] != len(gaussians):
+        shape = "" if weights is None else f" but {weights.shape}"
+        raise InputError(
+            f"'{file.path.name}' does not hold weights of shape (objects + 1, {len(gaussians)}){shape}; give the "
+            "scene that they were accumulated on."
+        )
+    if not (np.abs(weights) <= _LARGEST_WEIGHT).all():
+        raise InputError(f"'{file.path.name}' holds weights that are NaN, infinite or huge; accumulate them again.")
+    wanted = options.object_id or ((1,) if len(weights) == 2 else ())
+    numbers = np.arange(1, len(weights))
+    found = assign_labels(weights.shape[1], numbers, lambda part: weights[[0, *part]].T, options.gamma)
+    return select_ids(found, wanted, file.path)
+
+
+def assign_labels(
+    n: int, numbers: NDArray[Any], weights_of: Callable[[NDArray[Any]], NDArray[Any]], gamma: float = 0.0
+) -> NDArray[Any]:
+    """Return the number of the object of the largest weight, (N,), 0 for the background, in the type of the numbers.
+
+    The optimal assignment of "FlashSplat: 2D to 3D Gaussian Splatting Segmentation Solved Optimally" (Shen et al.,
+    ECCV 2024), section 3: the weights of a Gaussian are scaled to unit length first.
+
+    Args:
+        n: number of Gaussians.
+        numbers: of the objects, rising, (L,).
+        weights_of: gives the blend weights under the background and under some objects, (N, 1 + P), for their numbers
+            (P,). It is called with a few at a time: all columns together would not fit into memory.
+        gamma: background bias in [-1, 1]: positive values select less, negative ones more.
+
+    Ties go to the background, or to the lower number. Gaussians that no view saw are background whatever gamma is.
+
+    >>> weights = np.array([[3.0, 4.0], [4.0, 3.0], [0.0, 0.0]])
+    >>> assign_labels(3, np.array([1]), lambda part: weights).tolist()
+    [1, 0, 0]
+    >>> assign_labels(3, np.array([1]), lambda part: weights, gamma=-0.3).tolist()
+    [1, 1, 0]
+    """
+    largest, squared_length, winner = np.zeros(n), np.zeros(n), np.zeros(n, numbers.dtype)
+    for part in np.array_split(numbers, -(-len(numbers) // _OBJECTS_AT_ONCE)):
+        weights = np.asarray(weights_of(part), np.float64)
+        background, objects = weights[:, 0], weights[:, 1:]
+        squared_length += np.square(objects).sum(axis=1)
+        best, most = objects.argmax(axis=1), objects.max(axis=1)
+        ahead = most > largest
+        winner[ahead], largest[ahead] = part[best[ahead]], most[ahead]
+    length = np.sqrt(squared_length + np.square(background))
+    length[length == 0] = 1.0
+    return np.where(largest / length > background / length + gamma, winner, 0)
