@@ -5,7 +5,7 @@ from pathlib import Path
 
 import gaussian_trimmer as gt
 from gaussian_trimmer import sample
-from gaussian_trimmer.output.engines import ENGINES, placement_for
+from gaussian_trimmer.output.engines import ENGINES, PlacingOptions
 
 scene = gt.read(sample.SCENE)
 rough = gt.read_selection(sample.SELECTION, scene)
@@ -13,7 +13,7 @@ result = gt.trim(scene, rough, cameras=gt.read_cameras(sample.CAMERAS), config=g
 
 folder = Path(tempfile.mkdtemp(prefix="engines-"))
 for name, engine in ENGINES.items():
-    place = placement_for(result.object, result.objects[0].up.direction, engine=name, scale=100)  # centimetres
+    place = PlacingOptions(name, scale=100).placement(result.object, result.objects[0].up.direction)  # centimetres
     for part in ("object", "background"):
         gt.write(place.apply(getattr(result, part)), folder / f"{part}_{name}{engine.reads[0]}")
     size = place.as_json(result.object)["box"]["size"]

@@ -353,12 +353,14 @@ def test_saving_writes_what_the_command_writes(result, tmp_path):
         if (tmp_path / "python" / name).is_file() and name.suffix not in (".json", ".npz"):
             assert (tmp_path / "python" / name).read_bytes() == (tmp_path / "command" / name).read_bytes(), name
     one, other = (json.loads((tmp_path / folder / "report.json").read_text()) for folder in ("python", "command"))
-    assert one.keys() == other.keys() - {"command"}
+    assert one.keys() - {"call"} == other.keys() - {"command"} == gt.describe(trimmed).keys()
+    again = eval(one["call"], {"gaussian_trimmer": gt, "scene": gt.read(tmp_path / "scene.ply"), "selection": ROUGH})
+    assert again.config == CONFIG
+    np.testing.assert_array_equal(again.object.means, trimmed.object.means)
     for entry in (*one["objects"], *other["objects"]):
         entry.pop("seconds")
-    for key in one.keys() - {"inputs", "seconds"}:
+    for key in one.keys() - {"call", "inputs", "seconds"}:
         assert one[key] == other[key], key
-    assert one.keys() == gt.describe(trimmed).keys()
 
 
 def test_a_page_is_written_if_it_is_wanted(result, tmp_path):

@@ -51,7 +51,7 @@ def test_views_over_an_arc_leave_the_far_side_unchecked():
         found.entry["sentence"]
         == "checked over 54 of 360 degrees, from 30 degrees above the horizon; the far side was not checked"
     )
-    assert found.entry["yaw_ranges_degrees"] == [[20, 74]]
+    assert np.flatnonzero(found.arrays[0])[[0, -1]].tolist() == [20, 73]
     assert found.middle == 47
     assert found.verdict(47) == ""
     assert found.verdict(227) == "no accepted view from here"

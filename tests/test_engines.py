@@ -13,7 +13,7 @@ from scenes import front_camera, random_scene
 from gaussian_trimmer import formats
 from gaussian_trimmer.commands.trim_run import scene_name
 from gaussian_trimmer.formats import ply
-from gaussian_trimmer.output.engines import ENGINES, convex_hull, placement_for, rotation_between, turned
+from gaussian_trimmer.output.engines import ENGINES, PlacingOptions, convex_hull, rotation_between, turned
 from gaussian_trimmer.rendering import render
 
 
@@ -55,7 +55,7 @@ def test_the_foot_is_at_the_origin_and_sizes_are_scaled_with_places():
     ball = toy.ball_on_floor(n_floaters=0)
     ball = ball[0].select(ball[1])
     moved = ball.replace(means=ball.means + np.float32([5, -3, 2]))
-    place = placement_for(moved, "z", engine="blender", scale=100)
+    place = PlacingOptions("blender", scale=100).placement(moved, "z")
     found = place.apply(moved)
     np.testing.assert_allclose(foot_of(found, 2), 0, atol=4)  # centimetres
     np.testing.assert_allclose(found.scales, 100 * moved.scales, rtol=1e-4)
@@ -63,7 +63,7 @@ def test_the_foot_is_at_the_origin_and_sizes_are_scaled_with_places():
     np.testing.assert_allclose(found.means @ pose[:3, :3].T + pose[:3, 3], moved.means, atol=1e-5)
     box = place.as_json(moved)["box"]
     assert box["centre"][2] == pytest.approx(box["size"][2] / 2)
-    centred = placement_for(moved, "z", origin="centre").apply(moved)
+    centred = PlacingOptions(origin="centre").placement(moved, "z").apply(moved)
     np.testing.assert_allclose(centred.means.max(axis=0) + centred.means.min(axis=0), 0, atol=0.1)
 
 
@@ -85,7 +85,7 @@ def test_a_hull_is_convex_closed_around_the_centres_and_faces_outwards(depth):
 
 def test_what_stands_as_it_is_wanted_is_not_touched():
     scene = random_scene(0)
-    assert placement_for(scene, [0, 0, 1], engine="blender", origin="scene").apply(scene) is scene
+    assert PlacingOptions("blender", "scene").placement(scene, [0, 0, 1]).apply(scene) is scene
 
 
 @pytest.mark.parametrize("name", ENGINES)

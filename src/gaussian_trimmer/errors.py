@@ -81,16 +81,13 @@ def user_message(error: BaseException) -> str | None:
 def did_you_mean(word: str, known: Iterable[str]) -> str | None:
     """A question after the known word that is most like a mistyped one; None if none is like it.
 
-    >>> did_you_mean("trimm", ["select", "trim"])
-    'did you mean trim?'
-    >>> did_you_mean("--gamma", ["--gammas", "--selection.gamma"])
-    'did you mean --selection.gamma?'
+    >>> did_you_mean("trimm", ["select", "trim"]), did_you_mean("gamma", ["plan.gammas", "selection.gamma"])
+    ('did you mean trim?', 'did you mean selection.gamma?')
     """
     from difflib import get_close_matches  # takes 10 ms, which a run without mistakes need not spend
 
     known = list(known)
-    of_a_group = [one for one in known if one.endswith("." + word.removeprefix("--"))]
-    similar = of_a_group or get_close_matches(word, known, 1)
+    similar = [one for one in known if one.endswith(f".{word}")] or get_close_matches(word, known, 1)
     return f"did you mean {similar[0]}?" if similar else None
 
 

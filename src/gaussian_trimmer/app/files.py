@@ -26,7 +26,7 @@ from gaussian_trimmer.app.snapshots import Document, MarkedObject, Progress, Sna
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.folders import atomic_folder
 from gaussian_trimmer.io.writing import safe_file_name
-from gaussian_trimmer.output.engines import ENGINES, EngineName, PlacingOptions, placement_for
+from gaussian_trimmer.output.engines import ENGINES, EngineName, PlacingOptions
 from gaussian_trimmer.output.report import describe, file_stems
 from gaussian_trimmer.output.saving import RESULTS, result_files, write_trim
 from gaussian_trimmer.selecting.marks import FromFile, FromMasks, write_marks
@@ -116,9 +116,8 @@ class Files:
                 path = Path(parent, f"{'' if what == OBJECT else 'without_'}{name}{suffix}")
                 gaussians = result.object if what == OBJECT else result.background
                 if engine:
-                    gaussians = placement_for(result.object, result.objects[0].up.direction, engine=engine).apply(
-                        gaussians
-                    )
+                    place = PlacingOptions(engine).placement(result.object, result.objects[0].up.direction)
+                    gaussians = place.apply(gaussians)
                 formats.write(gaussians, path)
             data = path.read_bytes()
         client.send_file_download(path.name, data, save_immediately=True)

@@ -26,7 +26,7 @@ from gaussian_trimmer.gaussians import (
     quaternions_of,
     rotation_matrices,
 )
-from gaussian_trimmer.io.writing import write_json
+from gaussian_trimmer.io.writing import write_json, write_whole
 from gaussian_trimmer.settings import Range
 
 if TYPE_CHECKING:  # conversions need neither kernels nor a trimmer
@@ -77,19 +77,17 @@ class Placement:
     """From the scene's axes to the file's, (3, 3)."""
     origin: Float64Array
     """The point of the scene that is the file's origin, (3,)."""
-    scale: float = 1.0
+    scale: float
     """Units of the file in one of the scene."""
 
     def apply(self, gaussians: Gaussians) -> Gaussians:
         """Return Gaussians of the scene as the file has them."""
-        moved = gaussians
         if self.origin.any():
-            moved = moved.replace(means=(moved.means - self.origin).astype(np.float32))
-        moved = turned(moved, self.rotation)
-        if self.scale != 1:
-            factor = np.float32(self.scale)
-            moved = moved.replace(means=moved.means * factor, log_scales=moved.log_scales + np.log(factor))
-        return moved
+            gaussians = gaussians.replace(means=(gaussians.means - self.origin).astype(np.float32))
+        moved, factor = turned(gaussians, self.rotation), np.float32(self.scale)
+        if factor == 1:
+            return moved
+        return moved.replace(means=moved.means * factor, log_scales=moved.log_scales + np.log(factor))
 
     def as_json(self, gaussians: Gaussians | None = None) -> dict[str, Any]:
         """Return the pose of a file, `file_to_scene` (4, 4), and of its Gaussians the box along the file's axes."""
@@ -101,35 +99,6 @@ class Placement:
         centre = self.scale * self.rotation @ (bounds.centre - self.origin)
         box = {"centre": centre.tolist(), "size": (2 * self.scale * bounds.half_extents).tolist()}
         return {"file_to_scene": pose.tolist(), "box": box}
-
-
-def placement_for(
-    gaussians: Gaussians,
-    up: str | Sequence[float] | Float64Array,
-    *,
-    engine: EngineName | None = None,
-    origin: Origin = "foot",
-    scale: float = 1.0,
-) -> Placement:
-    """Return where Gaussians are put for a program: upright, and with a point of them at the origin.
-
-    Args:
-        gaussians: N of them, at least one unless the origin is the scene's.
-        up: the up vector in their coordinates, (3,), or an axis, "z" or "-y".
-        engine: the program; without one the axes stay as they are.
-        origin: the middle of their foot, or of their box; or the scene's own origin.
-        scale: units of the file in one of the scene.
-
-    Raises:
-        InputError: the up vector is neither an axis nor three finite numbers that are not all zero.
-    """
-    up = unit_up(vector_of_up(up))
-    rotation = np.eye(3) if engine is None else rotation_between(up, np.array(ENGINES[engine].up))
-    if origin == "scene":
-        return Placement(rotation, np.zeros(3), scale)
-    bounds = _bounds(gaussians, rotation_between(up, np.array([0.0, 0, 1])))
-    down = bounds.half_extents[2] if origin == "foot" else 0.0
-    return Placement(rotation, bounds.centre - down * bounds.axes[2], scale)
 
 
 @dataclass(frozen=True)
@@ -154,10 +123,24 @@ class PlacingOptions:
         """Whether it matters which way is up."""
         return self.engine is not None or self.origin in ("foot", "centre")
 
-    def placement(self, gaussians: Gaussians, up: Sequence[float] | Float64Array) -> Placement:
-        """Return where Gaussians are put."""
-        origin: Origin = self.origin or ("scene" if self.engine is None else "foot")
-        return placement_for(gaussians, up, engine=self.engine, origin=origin, scale=self.scale)
+    def placement(self, gaussians: Gaussians, up: str | Sequence[float] | Float64Array) -> Placement:
+        """Return where Gaussians are put: upright for the program, and with a point of them at the origin.
+
+        Args:
+            gaussians: N of them, at least one unless the origin is the scene's.
+            up: the up vector in their coordinates, (3,), or an axis, "z" or "-y".
+
+        Raises:
+            InputError: the up vector is neither an axis nor three finite numbers that are not all zero.
+        """
+        up = unit_up(vector_of_up(up))
+        rotation = np.eye(3) if self.engine is None else rotation_between(up, np.array(ENGINES[self.engine].up))
+        origin = self.origin or ("scene" if self.engine is None else "foot")
+        if origin == "scene":
+            return Placement(rotation, np.zeros(3), self.scale)
+        bounds = _bounds(gaussians, rotation_between(up, np.array([0.0, 0, 1])))
+        down = bounds.half_extents[2] if origin == "foot" else 0.0
+        return Placement(rotation, bounds.centre - down * bounds.axes[2], self.scale)
 
     def patterns(self, suffix: str) -> tuple[str, ...]:
         """Return patterns of the names of all files that `write` writes."""
@@ -190,7 +173,10 @@ class PlacingOptions:
             place, name = self.placement(part.gaussians, up), f"{stems[part.id]}{ending}"
             placed, hull = place.apply(part.gaussians), f"{stems[part.id]}_hull.obj"
             formats.write(placed, folder / name)
-            (folder / hull).write_text(hull_as_obj(placed), encoding="utf-8")
+            corners, triangles = convex_hull(placed)
+            lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in corners]
+            lines += [f"f {i} {j} {k}" for i, j, k in triangles + 1]
+            write_whole(folder / hull, "\n".join([*lines, ""]))
             poses[name] = place.as_json(part.gaussians) | {"hull": hull}
         if background and parts and len(result.background):
             place = self.placement(concatenate([part.gaussians for part in parts]), up)
@@ -299,10 +285,3 @@ def convex_hull(gaussians: Gaussians) -> tuple[Float64Array, IntArray]:
     a, b, c = corners[hull.simplices].swapaxes(0, 1)
     inward = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(axis=1) < 0
     return corners, np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
-
-
-def hull_as_obj(gaussians: Gaussians) -> str:
-    """Return the hull of Gaussians as the text of an .obj file, in their own coordinates."""
-    corners, triangles = convex_hull(gaussians)
-    lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in corners]
-    return "\n".join([*lines, *(f"f {i} {j} {k}" for i, j, k in triangles + 1), ""])

@@ -10,8 +10,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -32,8 +31,7 @@ from gaussian_trimmer.output.pictures import (
     nearby_rows,
     nearby_scene,
 )
-from gaussian_trimmer.output.report import sentences
-from gaussian_trimmer.trimming.config import TrimConfig
+from gaussian_trimmer.output.report import changed_settings, flat, sentences
 from gaussian_trimmer.trimming.result import RowLabel, TrimmedObject, TrimResult
 from gaussian_trimmer.views.observed_angles import cameras_that_see
 
@@ -184,8 +182,8 @@ def report_page(result: TrimResult, report: Mapping[str, Any]) -> str:
         floaters=sum(part.floaters for part in result.objects),
         counts=[(name.replace("_", " "), f"{number:,}") for name, number in report["counts"].items()],
         times=[(name, f"{time:.2f} s") for name, time in report.get("seconds", {}).items()],
-        facts=[pair for pair in _flat(report["inputs"]) if pair[1] not in (None, [], (), {})],
-        settings=list(_changed_settings(report["configuration"])),
+        facts=[pair for pair in flat(report["inputs"]).items() if pair[1] not in (None, [], (), {})],
+        settings=list(changed_settings(report["configuration"]).items()),
         data_uri=_data_uri,
     )
     return document((scene or "A scene") + what, body, style=asset("report.css"), script=asset("report.js"))
@@ -276,20 +274,6 @@ def _rgb(name: str) -> FloatArray:
     """Return red, green and blue from 0 to 1 of what happened to a Gaussian, (3,)."""
     colour = _COLOURS_AND_MEANINGS[name][0]
     return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)], np.float32) / np.float32(255)
-
-
-def _changed_settings(configuration: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
-    defaults = dict(_flat(asdict(TrimConfig())))
-    yield from ((name, value) for name, value in _flat(configuration) if value != defaults.get(name))
-
-
-def _flat(settings: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield nested settings as names with dots and values."""
-    for name, value in settings.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{before}{name}.")
-        else:
-            yield f"{before}{name}", value
 
 
 def _data_uri(picture: Picture) -> Markup:

@@ -18,7 +18,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.io.writing import write_whole
-from gaussian_trimmer.output.report import checked_sides, describe_sides, judged_pitches, middle_degree, why_unchecked
+from gaussian_trimmer.output.report import checked_sentence, checked_sides, judged_pitches, middle_degree, why_unchecked
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.config import CONTEXT_RADIUS
@@ -123,7 +123,7 @@ def _draw_object(result: TrimResult, part: TrimmedObject, columns: int, pitches:
     ]
     pictures = [_row(*row, verdicts) for row in rows]
     width = pictures[0].shape[1]
-    closing = f"not trimmed: {part.refused}" if part.refused else describe_sides(part, sides[0])["sentence"]
+    closing = f"not trimmed: {part.refused}" if part.refused else checked_sentence(part, sides[0])
     strip = _strip([(closing, _REJECTED_COLOUR if part.refused else _TEXT_COLOUR)], width)
     return np.vstack([_headings(yaws, pitches, verdicts, width), *pictures, strip])
 
@@ -182,7 +182,8 @@ def _headings(yaws: Sequence[int], pitches: Sequence[float], verdicts: Sequence[
         (f"{place.partition(':')[0]}: not checked, {verdict}", _REJECTED_COLOUR) if verdict else (place, _TEXT_COLOUR)
         for place, verdict in zip(places, verdicts, strict=True)
     ]
-    return _line_of_strips(words, width)
+    edges = np.linspace(0, width, len(words) + 1).astype(int)
+    return np.hstack([_strip([word], b - a) for word, a, b in zip(words, edges, edges[1:], strict=False)])
 
 
 def zoomed(camera: Camera, zoom: float) -> Camera:
@@ -193,17 +194,7 @@ def zoomed(camera: Camera, zoom: float) -> Camera:
 
 def captioned(caption: str, picture: Picture) -> Picture:
     """A picture with a line of text above it."""
-    return headed([caption], picture)
-
-
-def headed(captions: Sequence[str], picture: Picture) -> Picture:
-    """A picture with a line of text above each of its columns."""
-    return np.vstack([_line_of_strips([(caption, _TEXT_COLOUR) for caption in captions], picture.shape[1]), picture])
-
-
-def _line_of_strips(words: Sequence[tuple[str, Colour]], width: int) -> Picture:
-    edges = np.linspace(0, width, len(words) + 1).astype(int)
-    return np.hstack([_strip([word], b - a) for word, a, b in zip(words, edges, edges[1:], strict=False)])
+    return np.vstack([_strip([(caption, _TEXT_COLOUR)], picture.shape[1]), picture])
 
 
 def write_picture(picture: Picture, path: Path) -> None:

@@ -12,6 +12,7 @@ from gaussian_trimmer._version import __version__
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, LabelArray
 from gaussian_trimmer.io.writing import safe_file_name
+from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.result import THE_OBJECT, RowLabel, TrimmedObject, TrimResult
 from gaussian_trimmer.trimming.up_vector import up_text
 from gaussian_trimmer.views.observed_angles import cameras_that_see, observed_angles
@@ -102,7 +103,7 @@ def _of_object(entry: Mapping[str, Any]) -> str:
 def _describe_object(result: TrimResult, part: TrimmedObject, labels: LabelArray, file: str) -> dict[str, Any]:
     """Return what the report says of one object."""
     doubt = None if part.refused else part.up.doubt()
-    gone = labels[part.selected_rows] == 0
+    gone, checked = labels[part.selected_rows] == 0, checked_sides(part, result.cameras)[0]
     return {
         "id": part.id,
         "name": part.name,
@@ -127,7 +128,7 @@ def _describe_object(result: TrimResult, part: TrimmedObject, labels: LabelArray
             }
             for view in part.views
         ],
-        "checked": describe_sides(part, checked_sides(part, result.cameras)[0]),
+        "checked": {"degrees": int(np.count_nonzero(checked)), "sentence": checked_sentence(part, checked)},
         "shrunk_side": shrunk_side(part, result.scene.means[part.selected_rows], gone),
         "refused": part.refused or None,
         "not_fitted": part.not_fitted or None,
@@ -219,22 +220,16 @@ def checked_sides(part: TrimmedObject, cameras: Sequence[Camera]) -> tuple[BoolA
     return (apart <= reach).any(axis=1) & observed, observed
 
 
-def runs_of_degrees(flags: BoolArray) -> list[list[int]]:
-    """Return first and one past the last degree of each run of True on the circle; the last may be beyond 360.
-
-    >>> runs_of_degrees((np.arange(360) < 10) | (np.arange(360) >= 300))
-    [[300, 370]]
-    """
-    if flags.all():
-        return [[0, 360]]
-    starts = np.flatnonzero(flags & ~np.roll(flags, 1))
-    return [[int(start), int(start + np.argmin(np.roll(flags, -start)))] for start in starts]
-
-
 def middle_degree(flags: BoolArray) -> int:
-    """Return the degree in the middle of the longest run of True on the circle; 0 if there is none or it is all."""
-    start, end = max(runs_of_degrees(flags), key=lambda run: run[1] - run[0], default=[0, 0])
-    return (start + end) // 2 % 360 if end - start < 360 else 0
+    """Return the degree in the middle of the longest run of True on the circle (360,); 0 if there is none or it is all.
+
+    >>> middle_degree((np.arange(360) < 10) | (np.arange(360) >= 300))
+    335
+    """
+    starts = np.flatnonzero(flags & ~np.roll(flags, 1))
+    runs = [(int(np.argmin(np.roll(flags, -start))), -int(start)) for start in starts]
+    length, start = max(runs, default=(0, 0))
+    return (length // 2 - start) % 360
 
 
 def why_unchecked(yaw: int, checked: BoolArray, observed: BoolArray) -> str:
@@ -250,18 +245,17 @@ def judged_pitches(part: TrimmedObject) -> list[float]:
     return [float(pitch) for pitch in np.unique(np.round(np.degrees(pitches), 1))]
 
 
-def describe_sides(part: TrimmedObject, checked: BoolArray) -> dict[str, Any]:
-    """Return what the report says of the degrees of yaw around an object that were judged, (360,)."""
-    heights, degrees, said = judged_pitches(part), int(np.count_nonzero(checked)), "no side was checked"
-    if degrees:
-        ends = sorted({round(heights[0]), round(heights[-1])})
-        words = " to ".join(f"{abs(end)} degrees {'below' if end < 0 else 'above'}" for end in ends)
-        rest = "the far side was" if degrees <= 180 else f"the other {360 - degrees} were"
-        said = f"checked over {degrees} of 360 degrees, from {words} the horizon; {rest} not checked"
-        if degrees >= _ALL_AROUND_DEGREES:
-            said = f"checked from all sides, from {words} the horizon"
-    ranges = runs_of_degrees(checked)
-    return {"degrees": degrees, "sentence": said, "yaw_ranges_degrees": ranges, "pitches_degrees": heights}
+def checked_sentence(part: TrimmedObject, checked: BoolArray) -> str:
+    """Say, without a full stop, which degrees of yaw around an object were judged, (360,)."""
+    heights, degrees = judged_pitches(part), int(np.count_nonzero(checked))
+    if not degrees:
+        return "no side was checked"
+    ends = sorted({round(heights[0]), round(heights[-1])})
+    words = " to ".join(f"{abs(end)} degrees {'below' if end < 0 else 'above'}" for end in ends)
+    if degrees >= _ALL_AROUND_DEGREES:
+        return f"checked from all sides, from {words} the horizon"
+    rest = "the far side was" if degrees <= 180 else f"the other {360 - degrees} were"
+    return f"checked over {degrees} of 360 degrees, from {words} the horizon; {rest} not checked"
 
 
 def shrunk_side(part: TrimmedObject, positions: np.ndarray, gone: BoolArray) -> str | None:
@@ -284,13 +278,22 @@ def shrunk_side(part: TrimmedObject, positions: np.ndarray, gone: BoolArray) -> 
 
 
 def _describe_camera(camera: Camera) -> dict[str, Any]:
-    return {
-        "name": camera.name,
-        "width": camera.width,
-        "height": camera.height,
-        "K": camera.K.tolist(),
-        "world_to_camera": camera.world_to_camera.tolist(),
-    }
+    arrays = {"K": camera.K.tolist(), "world_to_camera": camera.world_to_camera.tolist()}
+    return {"name": camera.name, "width": camera.width, "height": camera.height, **arrays}
+
+
+def changed_settings(configuration: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of a report that are not the defaults, by their names with dots."""
+    defaults = flat(asdict(TrimConfig()))
+    return {name: value for name, value in flat(configuration).items() if value != defaults.get(name)}
+
+
+def flat(settings: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """Return nested settings by names with dots."""
+    found: dict[str, Any] = {}
+    for name, value in settings.items():
+        found |= flat(value, f"{before}{name}.") if isinstance(value, Mapping) else {f"{before}{name}": value}
+    return found
 
 
 def _rounded(seconds: Mapping[str, float]) -> dict[str, float]:

@@ -16,7 +16,7 @@ from gaussian_trimmer.io.folders import atomic_folder
 from gaussian_trimmer.io.writing import write_json, write_whole
 from gaussian_trimmer.output.pages import report_page
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
-from gaussian_trimmer.output.report import describe, file_stems
+from gaussian_trimmer.output.report import changed_settings, describe, file_stems
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.trimming.result import RowLabel, TrimResult
 from gaussian_trimmer.views.view import TrimmedView
@@ -52,8 +52,17 @@ def save(
         raise InputError(f"The result is a {type(result).__name__}; give what gaussian_trimmer.trim returns.")
     folder, suffix = Path(folder), suffix_of(format or "ply")
     with atomic_folder(folder, RESULTS, names=result_files(suffix, html=html), overwrite=overwrite) as part:
-        write_trim(result, describe(result, suffix=suffix), part, suffix, html=html)
+        report = describe(result, suffix=suffix)
+        write_trim(result, report | {"call": _call(result, report)}, part, suffix, html=html)
     return folder
+
+
+def _call(result: TrimResult, report: Mapping[str, Any]) -> str:
+    """Return the call in Python that makes a trim, with every setting that is not the default."""
+    what = "trim(scene, selection" if len(result.objects) == 1 else "trim_objects(scene, objects"
+    settings = changed_settings(report["configuration"])
+    config = f", config=gaussian_trimmer.TrimConfig.of({settings!r})" if settings else ""
+    return f"gaussian_trimmer.{what}{', cameras=cameras' if result.cameras else ''}{config})"
 
 
 def write_trim(
