@@ -20,7 +20,7 @@ from quality import parser_of
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import only_training
 from gaussian_trimmer.evaluation import metrics
-from gaussian_trimmer.evaluation.scoring import ious_of, shared_pixels
+from gaussian_trimmer.evaluation.metrics import ious_of, shared_pixels
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.gaussians import Gaussians, IntArray, mask_of_rows
 from gaussian_trimmer.rendering import render

@@ -10,7 +10,7 @@ import pytest
 from command_line import run, save_ball
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.clip_iqa import PAIRS, ClipScorer
+from gaussian_trimmer.evaluation.metrics import PAIRS, ClipScorer
 
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
 SIDE = 30

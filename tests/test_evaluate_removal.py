@@ -12,8 +12,7 @@ from dataset_layouts import save_capture, write
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.evaluation.ground_truth import views_in
-from gaussian_trimmer.evaluation.metrics import similarity_map
-from gaussian_trimmer.evaluation.scoring import likeness
+from gaussian_trimmer.evaluation.metrics import likeness, similarity_map
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.views.view import grown
 

@@ -5,7 +5,7 @@ import pytest
 import toy
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.evaluation.results import read_result
+from gaussian_trimmer.evaluation.scoring import read_result
 from gaussian_trimmer.gaussians import SH_C0, concatenate
 from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.output.saving import save

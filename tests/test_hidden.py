@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import toy
 
-from gaussian_trimmer.evaluation.results import read_result
+from gaussian_trimmer.evaluation.scoring import read_result
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.output.saving import save

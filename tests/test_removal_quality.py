@@ -7,7 +7,8 @@ from benchmark_data import OWN, open_scene
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import only_training
 from gaussian_trimmer.evaluation.ground_truth import views_in
-from gaussian_trimmer.evaluation.scoring import IGNORED, likeness
+from gaussian_trimmer.evaluation.metrics import likeness
+from gaussian_trimmer.evaluation.scoring import IGNORED
 from gaussian_trimmer.masks.mask_files import cameras_with_masks
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.trim import trim

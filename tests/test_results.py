@@ -6,8 +6,7 @@ import toy
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.results import read_result
-from gaussian_trimmer.evaluation.scoring import cut_by
+from gaussian_trimmer.evaluation.scoring import cut_by, read_result
 from gaussian_trimmer.output.saving import save
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.trimming.trim import trim, trim_objects

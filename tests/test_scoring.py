@@ -6,7 +6,8 @@ from scenes import gaussian
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.evaluation.ground_truth import TestView
-from gaussian_trimmer.evaluation.scoring import HIGHEST_PSNR, Cut, Judge, draw, ious_of, shared_pixels
+from gaussian_trimmer.evaluation.metrics import HIGHEST_PSNR, ious_of, shared_pixels
+from gaussian_trimmer.evaluation.scoring import Cut, Judge, draw
 from gaussian_trimmer.gaussians import concatenate
 
 CAMERA = Camera(np.eye(4), np.array([[40.0, 0, 20], [0, 40, 20], [0, 0, 1]]), 40, 40, "a.png")

@@ -17,7 +17,6 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.commands.arguments import TRUST, selection_options_of
 from gaussian_trimmer.commands.console import add_printing, open_console
 from gaussian_trimmer.errors import InputError, clip_name
-from gaussian_trimmer.evaluation.clip_iqa import ClipScorer
 from gaussian_trimmer.evaluation.datasets import folders_in
 from gaussian_trimmer.evaluation.ground_truth import (
     check_folders,
@@ -26,20 +25,24 @@ from gaussian_trimmer.evaluation.ground_truth import (
     view_of,
     views_in,
 )
-from gaussian_trimmer.evaluation.metrics import THRESHOLD
-from gaussian_trimmer.evaluation.results import read_background, read_result
+from gaussian_trimmer.evaluation.metrics import (
+    INPAINT_RADIUS,
+    THRESHOLD,
+    ClipScorer,
+    inpaint,
+    ious_of,
+    likeness,
+    shared_pixels,
+)
 from gaussian_trimmer.evaluation.scoring import (
     IGNORED,
-    INPAINT_RADIUS,
     Cut,
     Judge,
     Scores,
     cut_by,
-    inpaint,
-    ious_of,
-    likeness,
     mean_scores,
-    shared_pixels,
+    read_background,
+    read_result,
 )
 from gaussian_trimmer.evaluation.tables import (
     MADE_BY,

@@ -11,9 +11,8 @@ from gaussian_trimmer.commands.arguments import add_stages, config_of, selection
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import Findings, add_rules, add_tables, judge_of, publish_as
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.clip_iqa import PAIRS
 from gaussian_trimmer.evaluation.datasets import LAYOUTS, MEAN_NOTES, OWN, Layout, Protocol
-from gaussian_trimmer.evaluation.metrics import THRESHOLD
+from gaussian_trimmer.evaluation.metrics import PAIRS, THRESHOLD
 from gaussian_trimmer.evaluation.scoring import METRICS, RULES, Judge, Scores, mean_scores
 from gaussian_trimmer.evaluation.tables import (
     MADE_BY,

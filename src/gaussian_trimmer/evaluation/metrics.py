@@ -1,4 +1,5 @@
-"""Metrics of a trimmed object and its scene: silhouettes against ground-truth masks, pictures against photographs.
+"""Metrics of a trimmed object and its scene: silhouettes against ground-truth masks, pictures against photographs, and
+CLIP-IQA, which says how an object looks.
 
 Silhouettes are accumulated opacities or masks in [0, 1] of shape (H, W), boolean ones included. Where a metric needs a
 hard mask, a pixel belongs to `alpha` above the `threshold`, and to `gt` above 0.5. `valid` (H, W) marks the pixels that
@@ -7,14 +8,20 @@ count; without it all do. Images hold values in [0, 1].
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.gaussians import BoolArray, Float64Array
-from gaussian_trimmer.views.view import bounding_box, box_slices
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError, clip_name
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.rendering import blend_values
+from gaussian_trimmer.views.view import HALF, bounding_box, box_slices
 
 Silhouette = NDArray[np.floating[Any]] | BoolArray
 Image = NDArray[np.floating[Any]]
@@ -25,6 +32,19 @@ BOUNDARY_DILATION = 0.02
 """Width of the boundary band as a share of the image diagonal, as published with Boundary IoU."""
 _SSIM_WINDOW, _SSIM_SIGMA = (11, 11), 1.5
 _SSIM_C1, _SSIM_C2 = 0.01**2, 0.03**2
+HIGHEST_PSNR = 100.0
+"""dB; equal pictures would have an infinite PSNR, and no mean."""
+INPAINT_RADIUS = 3.0
+"""Pixels from which each pixel of a photograph is painted over."""
+_OBJECTS_PER_PASS = 16
+PAIRS = {
+    "clip_clear": ("clear boundary", "unclear boundary"),
+    "clip_smooth": ("smooth boundary", "noisy boundary"),
+    "clip_complete": ("complete object", "mutilated object"),
+}
+"""Metric -> the prompt that is wished for, and its opposite."""
+_CLIP_MEAN, _CLIP_STD = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
+"""Mean and deviation of the colours that CLIP models are trained on."""
 
 
 def foreground_iou(
@@ -128,6 +148,61 @@ def similarity_map(a: Image, b: Image) -> Float64Array:
     return np.asarray((means * (2 * covariance + _SSIM_C2) / (variances + _SSIM_C2)).mean(axis=-1))
 
 
+def shared_pixels(
+    scene: Gaussians, objects: Sequence[BoolArray], views: Iterable[tuple[Camera, Sequence[FloatArray]]]
+) -> IntArray:
+    """Return how many pixels true and found objects share over all views, (T + 1, P + 1), each first one of no object.
+
+    A pixel belongs to the object that most of it shows, if that is more than half of it.
+
+    Args:
+        scene: all N Gaussians.
+        objects: those that were found, (N,) each.
+        views: cameras, with the coverage (H, W) of each true object, 0 to 1; at least one.
+    """
+    counts: IntArray | int = 0
+    for camera, coverages in views:
+        found = np.zeros((camera.height, camera.width), np.int64)
+        if objects:
+            values = np.stack(objects, axis=1).astype(np.float32)
+            parts = [values[:, i : i + _OBJECTS_PER_PASS] for i in range(0, len(objects), _OBJECTS_PER_PASS)]
+            found = _labels(np.concatenate([blend_values(scene, camera, part) for part in parts], axis=2))
+        pairs = _labels(np.stack(coverages, axis=2)) * (len(objects) + 1) + found
+        size = len(coverages) + 1, len(objects) + 1
+        counts = counts + np.bincount(pairs.ravel(), minlength=size[0] * size[1]).reshape(size)
+    return np.asarray(counts)
+
+
+def ious_of(shared: IntArray) -> FloatArray:
+    """Return the intersection over union of each true object with each found one, (T, P), of pixels that they share."""
+    true, found = shared.sum(axis=1)[1:], shared.sum(axis=0)[1:]
+    return np.asarray(shared[1:, 1:] / np.maximum(true[:, None] + found - shared[1:, 1:], 1))
+
+
+def likeness(picture: FloatArray, image: FloatArray, counted: BoolArray) -> tuple[float, float] | None:
+    """Return PSNR in dB, at most 100, and SSIM of a picture with another (H, W, 3); None if no pixel counts."""
+    if not counted.any():
+        return None
+    clipped = np.clip(picture, 0, 1)
+    error = min(psnr(clipped[counted], image[counted]), HIGHEST_PSNR)
+    return error, float(similarity_map(clipped, image)[counted].mean())
+
+
+def inpaint(photograph: FloatArray, region: BoolArray) -> FloatArray:
+    """Return the photograph (H, W, 3) with a region (H, W) painted over from its surroundings alone.
+
+    It is OpenCV's inpainting after "An Image Inpainting Technique Based on the Fast Marching Method" (Telea, 2004).
+    """
+    picture = np.round(photograph * 255).astype(np.uint8)
+    filled = cv2.inpaint(picture, region.astype(np.uint8), INPAINT_RADIUS, cv2.INPAINT_TELEA)
+    return np.asarray(filled / np.float32(255))
+
+
+def _labels(shares: NDArray[np.floating]) -> IntArray:
+    """Return the number, from 1, of what has most of each pixel, by shares (H, W, P); 0 where it has at most half."""
+    return np.where(shares.max(axis=2) > HALF, shares.argmax(axis=2) + 1, 0)
+
+
 def _masks(
     alpha: Silhouette, gt: Silhouette, valid: BoolArray | None, threshold: float
 ) -> tuple[BoolArray, BoolArray, BoolArray]:
@@ -160,3 +235,71 @@ def _iou(a: BoolArray, b: BoolArray) -> float:
 def _ratio(part: np.number[Any], whole: np.number[Any]) -> float:
     """The quotient, or 1 where there is nothing to compare."""
     return float(part / whole) if whole > 0 else 1.0
+
+
+class ClipScorer:
+    """Scores pictures of objects with one CLIP model, which is loaded once.
+
+    The score of a picture is the probability that CLIP gives to the first prompt of a pair. The whole view is shown,
+    with the object alone over black, and prompts have the form of the official code's "Good photo."; that code shows
+    pictures of any size to a CLIP of convolutions (RN50), which Transformers does not have, so here they are stretched
+    to the model's square. The model runs without its image processor, which would need torchvision.
+
+    After "Exploring CLIP for Assessing the Look and Feel of Images" (Wang et al., AAAI 2023).
+
+    Raises:
+        InputError: PyTorch or Transformers is missing, or the model cannot be loaded.
+    """
+
+    def __init__(self, model: str) -> None:
+        try:
+            self._torch, transformers = import_module("torch"), import_module("transformers")
+        except ImportError as error:
+            needs = f"CLIP-IQA needs PyTorch and Transformers ({error}): pip install 'gaussian-trimmer[eval]'."
+            raise InputError(needs) from error
+        local = Path(model).is_dir()
+        try:
+            # Weights are read from safetensors alone: other files could hold code.
+            self._model = transformers.CLIPModel.from_pretrained(model, use_safetensors=True, local_files_only=local)
+            tokenizer = transformers.CLIPTokenizer.from_pretrained(model, local_files_only=local)
+        except (OSError, ValueError, RuntimeError, KeyError) as error:
+            first_line = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+            raise InputError(
+                f"Cannot load the CLIP model '{model}' ({first_line}); give a folder with model.safetensors and the "
+                "tokenizer's files, or a name on the Hugging Face hub."
+            ) from error
+        self._model.eval()
+        self.name = clip_name(Path(model).name if local else model)
+        """Name of the model, for tables."""
+        self._side = int(self._model.config.vision_config.image_size)
+        prompts = [f"{prompt.capitalize()}." for pair in PAIRS.values() for prompt in pair]
+        self._prompts = tokenizer(prompts, padding=True, return_tensors="pt")
+
+    def describe(self) -> str:
+        """Return what the scores were made with, for tables."""
+        return f"CLIP-IQA by {self.name}: whole view over black and prompts as published"
+
+    def score(self, rgb: FloatArray, alpha: FloatArray, threshold: float) -> dict[str, float]:
+        """Return the three scores of an object in percent; nothing if it is not in the picture.
+
+        Args:
+            rgb: the object over black, (H, W, 3).
+            alpha: its opacity, (H, W).
+            threshold: opacity above which a pixel belongs to it.
+        """
+        if not (alpha > threshold).any():
+            return {}
+        return dict(zip(PAIRS, (100 * self._probabilities(np.clip(rgb, 0, 1))).tolist(), strict=True))
+
+    def _probabilities(self, picture: FloatArray) -> FloatArray:
+        """Return the probability of the first prompt of each pair, (3,)."""
+        torch, side = self._torch, self._side
+        interpolation = cv2.INTER_AREA if picture.shape[0] > side else cv2.INTER_CUBIC
+        resized = np.asarray(cv2.resize(picture, (side, side), interpolation=interpolation))
+        pixels = (resized - np.array(_CLIP_MEAN, np.float32)) / np.array(_CLIP_STD, np.float32)
+        with torch.inference_mode():
+            logits = self._model(
+                pixel_values=torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1)[None])), **self._prompts
+            ).logits_per_image
+            pairs = logits.float().reshape(len(PAIRS), 2).softmax(dim=-1)[:, 0]
+        return np.asarray(pairs.numpy(), np.float32)

@@ -1,4 +1,4 @@
-"""How well an object matches ground truth in one view, by both rules of occlusion.
+"""Results of a trim or of any other tool, as a scene cut in two, and how well they match ground truth in views.
 
 Published codes differ in whether the object is rendered alone or counts only where nothing hides it in its scene.
 Both are measured: `alone` compares the object's own opacity with the mask, `in scene` its share of the whole scene's
@@ -9,19 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation import metrics
-from gaussian_trimmer.evaluation.clip_iqa import ClipScorer
 from gaussian_trimmer.evaluation.ground_truth import TestView
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate, mask_of_rows
+from gaussian_trimmer.io.reading import is_folder, path_inside, read_json
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering import blend_values, render
-from gaussian_trimmer.views.view import HALF
+from gaussian_trimmer.selection_files import SelectionOptions, kinds, load_selection
+from gaussian_trimmer.selection_files.kinds import MASK, check_ids
+from gaussian_trimmer.selection_files.selection_file import open_selection
 
 Scores = dict[str, float]
 """Metric -> percentage, or dB for `psnr` and `fidelity`; a metric that is not known is missing."""
@@ -48,15 +51,8 @@ RULES: Mapping[str, str] = {"alone": "", "in scene": "_in_scene"}
 ACC25 = ("acc25", "acc25_in_scene")
 """Share of masks with an IoU above a quarter, which says something of many masks together."""
 _ACC25_IOU = 25.0
-HIGHEST_PSNR = 100.0
-"""dB; equal pictures would have an infinite PSNR, and no mean."""
-
-
 IGNORED = 0.1
 """Coverage by another object above which a pixel says nothing of the scene without the object."""
-INPAINT_RADIUS = 3.0
-"""Pixels from which each pixel of a photograph is painted over."""
-_OBJECTS_PER_PASS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +81,7 @@ class Judge:
 
     threshold: float = metrics.THRESHOLD
     """Opacity above which a rendered pixel belongs to the object."""
-    looks: ClipScorer | None = None
+    looks: metrics.ClipScorer | None = None
     """Also judges how the object looks."""
 
     def describe(self) -> str:
@@ -102,7 +98,7 @@ class Judge:
             together = concatenate([cut.object, cut.background])
             for score, view in zip(scores, views, strict=True):
                 pictures = (np.clip(_rendered(part, view.camera)[0], 0, 1) for part in (together, scene))
-                score["fidelity"] = min(metrics.psnr(*pictures), HIGHEST_PSNR)
+                score["fidelity"] = min(metrics.psnr(*pictures), metrics.HIGHEST_PSNR)
         return scores
 
     def score(self, rgb: FloatArray, alpha: FloatArray, share: FloatArray | None, view: TestView) -> Scores:
@@ -121,7 +117,7 @@ class Judge:
             scores |= {name + RULES["in scene"]: value for name, value in in_scene.items()}
         if view.image is not None:
             psnr = metrics.extraction_psnr(rgb, view.image, view.coverage, valid=view.picture_counted)
-            scores["psnr"] = min(psnr, HIGHEST_PSNR)
+            scores["psnr"] = min(psnr, metrics.HIGHEST_PSNR)
         if self.looks is not None:
             scores |= self.looks.score(rgb, alpha, self.threshold)
         return scores
@@ -175,64 +171,111 @@ def nearest(picture: FloatArray, shape: Sequence[int]) -> FloatArray:
     return np.asarray(picture[rows][:, columns])
 
 
-def shared_pixels(
-    scene: Gaussians, objects: Sequence[BoolArray], views: Iterable[tuple[Camera, Sequence[FloatArray]]]
-) -> IntArray:
-    """Return how many pixels true and found objects share over all views, (T + 1, P + 1), each first one of no object.
-
-    A pixel belongs to the object that most of it shows, if that is more than half of it.
-
-    Args:
-        scene: all N Gaussians.
-        objects: those that were found, (N,) each.
-        views: cameras, with the coverage (H, W) of each true object, 0 to 1; at least one.
-    """
-    counts: IntArray | int = 0
-    for camera, coverages in views:
-        found = np.zeros((camera.height, camera.width), np.int64)
-        if objects:
-            values = np.stack(objects, axis=1).astype(np.float32)
-            parts = [values[:, i : i + _OBJECTS_PER_PASS] for i in range(0, len(objects), _OBJECTS_PER_PASS)]
-            found = _labels(np.concatenate([blend_values(scene, camera, part) for part in parts], axis=2))
-        pairs = _labels(np.stack(coverages, axis=2)) * (len(objects) + 1) + found
-        size = len(coverages) + 1, len(objects) + 1
-        counts = counts + np.bincount(pairs.ravel(), minlength=size[0] * size[1]).reshape(size)
-    return np.asarray(counts)
-
-
-def ious_of(shared: IntArray) -> FloatArray:
-    """Return the intersection over union of each true object with each found one, (T, P), of pixels that they share."""
-    true, found = shared.sum(axis=1)[1:], shared.sum(axis=0)[1:]
-    return np.asarray(shared[1:, 1:] / np.maximum(true[:, None] + found - shared[1:, 1:], 1))
-
-
-def likeness(picture: FloatArray, image: FloatArray, counted: BoolArray) -> tuple[float, float] | None:
-    """Return PSNR in dB, at most 100, and SSIM of a picture with another (H, W, 3); None if no pixel counts."""
-    if not counted.any():
-        return None
-    clipped = np.clip(picture, 0, 1)
-    error = min(metrics.psnr(clipped[counted], image[counted]), HIGHEST_PSNR)
-    return error, float(metrics.similarity_map(clipped, image)[counted].mean())
-
-
-def inpaint(photograph: FloatArray, region: BoolArray) -> FloatArray:
-    """Return the photograph (H, W, 3) with a region (H, W) painted over from its surroundings alone.
-
-    It is OpenCV's inpainting after "An Image Inpainting Technique Based on the Fast Marching Method" (Telea, 2004).
-    """
-    picture = np.round(photograph * 255).astype(np.uint8)
-    filled = cv2.inpaint(picture, region.astype(np.uint8), INPAINT_RADIUS, cv2.INPAINT_TELEA)
-    return np.asarray(filled / np.float32(255))
-
-
-def _labels(shares: NDArray[np.floating]) -> IntArray:
-    """Return the number, from 1, of what has most of each pixel, by shares (H, W, P); 0 where it has at most half."""
-    return np.where(shares.max(axis=2) > HALF, shares.argmax(axis=2) + 1, 0)
-
-
 def _rendered(gaussians: Gaussians, camera: Camera) -> tuple[FloatArray, FloatArray]:
     if not len(gaussians):
         blank = np.zeros((camera.height, camera.width, 3), np.float32)
         return blank, blank[..., 0]
     rendering = render(gaussians, camera)
     return rendering.rgb, rendering.alpha
+
+
+def read_result(path: Path, scene: Gaussians, options: SelectionOptions | None = None) -> Cut:
+    """Return the object that a folder of a trim, a splat file or a selection file holds.
+
+    - A folder must be one that `gaussian-trimmer trim` wrote: object, background, and the selection before the trim. Of
+      several objects the options name one.
+    - A splat file with fewer Gaussians than the scene is the object itself. The background is the scene without the
+      object's rows, if they are found in it.
+    - Anything else is a selection of the scene's rows.
+
+    Args:
+        path: folder or file.
+        scene: all N Gaussians.
+        options: how a selection file is read.
+
+    Raises:
+        InputError: nothing readable is there, or it does not fit the scene.
+    """
+    if is_folder(path):
+        return _read_folder(path, scene, options.object_id if options else ())
+    if path.name.lower().endswith(tuple(formats.FORMATS)):
+        columns = open_selection(path, len(scene)).columns
+        if columns is not None and MASK not in columns and len(columns["x"]) < len(scene):
+            return _read_object(path, scene)
+    return cut_by(scene, load_selection(path, scene, options))
+
+
+def read_background(path: Path) -> Gaussians:
+    """Return the scene without the object: the background in a folder of a trim, or a splat file of any program.
+
+    Raises:
+        InputError: there is none, or it cannot be read.
+    """
+    if not is_folder(path):
+        return formats.read(path)
+    found = _only(path, "background")
+    if found is None:
+        raise InputError(f"'{path}' holds no background file; give the splat file of the scene without the object.")
+    return formats.read(found)
+
+
+def _read_object(path: Path, scene: Gaussians) -> Cut:
+    found = formats.read(path)
+    try:
+        selection = load_selection(path, scene)
+    except InputError as error:
+        return Cut(found, None, unknown=str(error))
+    return Cut(found, scene.select(~selection), selection)
+
+
+def _read_folder(folder: Path, scene: Gaussians, wanted: Sequence[int]) -> Cut:
+    """Return the object of a trim's folder, or of several the one with an id; the others are part of the background."""
+    labels, n = folder / "labels.npz", len(scene)
+    if not labels.is_file():
+        raise InputError(
+            f"'gaussian-trimmer trim' did not write the folder '{folder}': it lacks labels.npz; name another tool's "
+            "file itself."
+        )
+    file = open_selection(labels, n)
+    rows = kinds.rows_of_objects(file, n)
+    if wanted or len(rows) > 1:
+        check_ids(wanted, list(rows), [len(own) for own in rows.values()], folder)
+    files = _object_files(folder, list(rows))
+    parts = {number: formats.read(path) for number, path in files.items()}
+    chosen = [number for number in rows if not wanted or number in wanted]
+    background = _only(folder, "background")
+    rest = [formats.read(background), *(parts[i] for i in parts if i not in chosen)] if background else None
+    nothing = scene.select(slice(0, 0))
+    before = kinds.selected_rows(file, n)
+    return Cut(
+        concatenate([nothing, *(parts[i] for i in chosen if i in parts)]),
+        concatenate(rest) if rest else None,
+        mask_of_rows(np.concatenate([rows[number] for number in chosen]), n),
+        None if before is None else mask_of_rows(before, n),
+        "" if background else f"'{folder}' holds no background file.",
+    )
+
+
+def _object_files(folder: Path, ids: Sequence[int]) -> dict[int, Path]:
+    """Return the splat files of a trim's objects by their ids; those without a single Gaussian have none."""
+    if len(ids) == 1 and (only := _only(folder, "object")):
+        return {ids[0]: only}
+    try:
+        entries = {entry["id"]: entry["file"] for entry in read_json(folder / "report.json")["objects"]}
+        found = {number: path_inside(folder, str(entries[number])) for number in ids if entries[number]}
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"'{folder}' lacks an object file, or its report.json the names of several.") from error
+    return {number: path for number, path in found.items() if path is not None}
+
+
+def _only(folder: Path, stem: str) -> Path | None:
+    """Return the splat file of that name, whatever its format; None if there is none.
+
+    Raises:
+        InputError: there are several.
+    """
+    found = [path for ending in formats.FORMATS if (path := folder / f"{stem}{ending}").is_file()]
+    if len(found) > 1:
+        names = ", ".join(path.name for path in found)
+        raise InputError(f"'{folder}' holds several files of the {stem} ({names}); leave one.")
+    return found[0] if found else None

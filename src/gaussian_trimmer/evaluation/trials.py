@@ -21,8 +21,7 @@ from gaussian_trimmer.cameras import CameraSet, only_training, training_cameras
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.evaluation.datasets import Protocol, Task, camera_of
 from gaussian_trimmer.evaluation.ground_truth import TestView, view_of
-from gaussian_trimmer.evaluation.results import read_result
-from gaussian_trimmer.evaluation.scoring import Cut, Judge, Scores, mean_scores
+from gaussian_trimmer.evaluation.scoring import Cut, Judge, Scores, mean_scores, read_result
 from gaussian_trimmer.formats.identify import FORMATS, METHOD_FILES, SELECTION_SUFFIXES
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import file_bytes, reading
