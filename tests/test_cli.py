@@ -4,7 +4,6 @@ import json
 import os
 import re
 import shlex
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -37,12 +36,14 @@ def trim(*words):
     return parser_of("trim").parse(list(map(str, words)))
 
 
-def test_trim_writes_everything(ball, tmp_path, capsys):
+def test_trim_writes_and_says_everything(ball, tmp_path, capsys):
     folder, scene, truth = ball
+    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--up", -1e-5, -1e-5, 1, "--html", *SMALL]
     output = tmp_path / "out"
-    assert run("trim", folder / "scene.ply", folder / "rough.npy", "--up", 0, 0, 1, "--output", output, *SMALL) == 0
+    assert run(*command, "--output", output) == 0
     assert sorted(path.name for path in output.iterdir()) == [
-        "background.ply", "before_after.png", "labels.npz", "manifest.json", "object.ply", "report.json", "views",
+        "background.ply", "before_after.png", "labels.npz", "manifest.json", "object.ply", "report.html", "report.json",
+        "views",
     ]  # fmt: skip
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out"]
     labels = np.load(output / "labels.npz", allow_pickle=False)
@@ -54,6 +55,13 @@ def test_trim_writes_everything(ball, tmp_path, capsys):
     assert printed.err == ""
     assert "5 of 5 views used, whose masks follow the selection; checked from all sides" in printed.out
     assert str(output) in printed.out
+    lines = printed.out.splitlines()  # whole where there is no terminal
+    assert lines == [line.rstrip() for line in lines]
+    assert [line.partition(":")[0] for line in lines[:2]] == ["object", "background"]
+    said = re.search(r"Of (\d+) selected, ([^;(]*)", printed.out)
+    assert int(said[1]) == sum(map(int, re.findall(r"\d+", said[2])))
+    assert "0.000 0.000 1.000 (given" in printed.out  # no zero is negative
+    assert "-0.000" not in (output / "report.html").read_text().split("Up: ")[1][:100]
 
 
 def test_json_is_all_that_services_see(ball, tmp_path, capsys, monkeypatch):
@@ -110,17 +118,6 @@ def test_which_rows_were_fitted_is_said_on_disk(ball, tmp_path):
     assert object_of(tmp_path)["counts"]["fitted"] == len(labels["fitted"]) < len(mine)
 
 
-def test_selection_options_choose_among_several_objects(ball, tmp_path):
-    folder, _, _ = ball
-    rough = np.load(folder / "rough.npy")
-    np.save(tmp_path / "labels.npy", np.where(rough, 3, 1))
-    command = ["trim", folder / "scene.ply", tmp_path / "labels.npy", "--output", tmp_path / "out", *SMALL, "--quiet"]
-    assert run(*command, "--set", "selection.object-id=3") == 0
-    report = report_of(tmp_path / "out")
-    assert report["objects"][0]["counts"]["selected"] == np.count_nonzero(rough)
-    assert "selection.object-id=3" in report["command"]
-
-
 def test_preset_changes_the_defaults_and_nothing_else():
     paper, default = paper_config(), TrimConfig()
     assert config_of(trim("a.ply", "b.npy")) == default
@@ -132,33 +129,10 @@ def test_preset_changes_the_defaults_and_nothing_else():
 
 def test_words_are_made_of_what_they_say():
     """Whatever is typed, in any order, the words of a report say the same, and are read as the same."""
-    typed = [
-        "a.ply",
-        "--click",
-        "3,4",
-        "--view",
-        "7",
-        "--up",
-        "-y",
-        "b.npy",
-        "--scale=2.5",
-        "--exclude",
-        "c.npy",
-        "d.npy",
-    ]
-    typed += [
-        "--set",
-        "plan.yaw-range-degrees=-90,90",
-        "--html",
-        "--remove-box",
-        1,
-        2,
-        3,
-        4,
-        "--grow",
-        1.5,
-        "--for=unity",
-    ]
+    typed = shlex.split(
+        "a.ply --click 3,4 --view 7 --up -y b.npy --scale=2.5 --exclude c.npy d.npy "
+        "--set plan.yaw-range-degrees=-90,90 --html --remove-box 1 2 3 4 --grow 1.5 --for=unity"
+    )
     words = trim(*typed).parser.words_of(trim(*typed))
     assert words[:3] == ["trim", "a.ply", "b.npy"]
     again = trim(*words[1:])
@@ -166,14 +140,6 @@ def test_words_are_made_of_what_they_say():
     assert again.in_order == (("click", (3, 4)), ("view", "7"), ("remove_box", (1, 2, 3, 4)), ("grow", 1.5))
     assert (again.up, again.scale, again.exclude) == ((0, -1, 0), 2.5, (Path("c.npy"), Path("d.npy")))
     assert config_of(again).plan.yaw_range_degrees == (-90, 90)
-
-
-def test_object_alone_needs_no_selection(ball, tmp_path):
-    _, scene, truth = ball
-    formats.write(scene.select(truth), tmp_path / "ball.ply")
-    command = ["trim", tmp_path / "ball.ply", "--up", 0, 0, 1, "--output", tmp_path / "out", *SMALL, "--quiet"]
-    assert run(*command) == 0
-    assert object_of(tmp_path / "out")["counts"]["selected"] == np.count_nonzero(truth)
 
 
 def test_own_masks_take_the_place_of_virtual_views(ball, tmp_path):
@@ -184,16 +150,6 @@ def test_own_masks_take_the_place_of_virtual_views(ball, tmp_path):
     report = object_of(tmp_path)
     assert [view["name"] for view in report["views"]] == ["0.png", "1.png", "2.png", "3.png"]
     assert report["up"]["source"] == "camera file"
-
-
-@pytest.mark.parametrize("option", [["--views", 3], ["--sam", "model"]])
-def test_a_number_of_virtual_views_is_refused_where_own_masks_take_their_place(ball, tmp_path, capsys, option):
-    folder, _, _ = ball
-    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path / "out", *option]
-    command += ["--masks", folder / "masks"]
-    assert run(*command, "--cameras", folder / "cameras.json") == 2
-    assert "leave --sam and --views out" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
 
 
 def test_output_goes_to_a_folder_named_after_the_inputs(ball, tmp_path, monkeypatch, capsys):
@@ -253,21 +209,8 @@ def test_second_run_into_a_folder_ends_before_it_reads(ball, tmp_path, capsys, m
             assert "Another run is writing to" in capsys.readouterr().err
 
 
-@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="needs signals")
-@pytest.mark.parametrize(("number", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
-def test_signal_that_stops_a_trim_leaves_the_earlier_results(number, code, monkeypatch, ball, tmp_path, capsys):
-    folder, _, _ = ball
-    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, "--overwrite", "--views", 2]
-    (tmp_path / "notes.txt").write_text("mine")
-    stop = getattr(signal, number)
-    monkeypatch.setattr("gaussian_trimmer.commands.trim_run.trim_objects", lambda *_, **__: signal.raise_signal(stop))
-    assert run(*command, *SMALL) == code
-    assert capsys.readouterr().err == "gaussian-trimmer: Stopped; nothing was written.\n"
-    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
-
-
 def test_lifted_selection_finds_the_object(ball, tmp_path, capsys):
-    folder, scene, truth = ball
+    folder, _, truth = ball
     selection = tmp_path / "lifted.npy"
     command = ["select", folder / "scene.ply", "--masks", folder / "masks", "--cameras", folder / "cameras.json"]
     assert run(*command, "--output", selection) == 0
@@ -278,39 +221,28 @@ def test_lifted_selection_finds_the_object(ball, tmp_path, capsys):
     assert run(*command, "--output", selection) == 2
     assert "--overwrite" in capsys.readouterr().err
     assert run(*command, "--output", tmp_path / "a.txt") == 2
-    labels = tmp_path / "labels.npy"
-    assert run(*command, "--output", labels, "--object-ids") == 0
-    assert np.load(labels).dtype == np.uint8
-    assert len(np.load(labels)) == len(scene)
 
 
 def test_convert_and_info(ball, tmp_path, capsys):
     folder, scene, _ = ball
     target = tmp_path / "ball.spz"
-    assert run("convert", folder / "scene.ply", target) == 0
-    assert run("convert", folder / "scene.ply", target) == 2
-    assert run("convert", target, target, "--overwrite") == 2
-    assert "is an input of this run" in capsys.readouterr().err
-    assert run("convert", target, tmp_path / "nowhere" / "ball.spz") == 2
-    assert "no folder" in capsys.readouterr().err
+    assert run("convert", folder / "scene.ply", target, "--json") == 0
+    made = json.loads(capsys.readouterr().out)
+    assert (made["gaussians"], made["file"]) == (len(scene), str(target)) and "precision" in str(made)
+    for source, wrong, said in (
+        (folder / "scene.ply", [target], "exists"),
+        (target, [target, "--overwrite"], "is an input of this run"),
+        (target, [tmp_path / "nowhere" / "ball.spz"], "no folder"),
+    ):
+        assert run("convert", source, *wrong) == 2
+        assert said in capsys.readouterr().err
     assert run("convert", folder / "scene.ply", target, "--overwrite", "--sort", "--quiet") == 0
     assert capsys.readouterr().out == ""
     assert len(formats.read(target)) == len(scene)
-    assert run("info", target, folder / "rough.npy", folder / "cameras.json") == 0
-    printed = capsys.readouterr().out
-    for text in (f"{len(scene)} Gaussians", "bool", "5 views"):
-        assert text in printed
-
-
-def test_info_and_convert_as_json(ball, tmp_path, capsys):
-    folder, scene, _ = ball
-    assert run("convert", folder / "scene.ply", tmp_path / "a.splat", "--json") == 0
-    made = json.loads(capsys.readouterr().out)
-    assert (made["gaussians"], made["file"]) == (len(scene), str(tmp_path / "a.splat")) and "precision" in str(made)
-    assert run("info", tmp_path / "a.splat", folder / "rough.npy", "--json") == 0
-    splats, selection = json.loads(capsys.readouterr().out)["files"]
+    assert run("info", target, folder / "rough.npy", folder / "cameras.json", "--json") == 0
+    splats, selection, cameras = json.loads(capsys.readouterr().out)["files"]
     assert splats["gaussians"] == len(scene) and splats["sh_degree"] == 0
-    assert "bool" in selection["said"] and "gaussians" not in selection
+    assert "bool" in selection["said"] and "gaussians" not in selection and "5 views" in cameras["said"]
 
 
 @pytest.mark.parametrize("command", [*cli.COMMANDS])
@@ -394,6 +326,10 @@ def test_bad_values_are_one_sentence_without_names_of_python(command, capsys):
         (["trim", "a.ply", "--sphere", 0, 0, 0, 1], "--sphere is gone. Cut by boxes, balls and planes"),
         (["completion", "bash"], "'completion' is gone."),
         (["trim", "rough.npy", "scene.ply"], "the scene comes before the selection"),
+        (["trim", "a.ply", "b.npy", "--masks", "m", "--views", 3], "leave --sam and --views out"),
+        (["trim", "a.ply", "b.npy", "--masks", "m", "--sam", "model"], "leave --sam and --views out"),
+        (["trim", "a.ply", "--labels", "b.npy", "--masks", "m"], "--masks is for one object"),
+        (["trim", "a.ply", "--labels", "b.npy", "--add", "c.npy"], "leave SELECTION and marks out"),
     ],
 )
 def test_wrong_usage_is_one_sentence(arguments, said, capsys):
@@ -454,14 +390,6 @@ def test_what_the_terminal_warns_of_stands_in_the_report(ball, tmp_path, capsys)
         assert printed.err.count(guess) == 1 and f"gaussian-trimmer: {guess}\n" in printed.err
 
 
-def test_the_summary_adds_up(ball, tmp_path, capsys):
-    folder, _, _ = ball
-    assert run("trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, *SMALL) == 0
-    printed = capsys.readouterr().out
-    said = re.search(r"Of (\d+) selected, ([^;(]*)", printed)
-    assert int(said[1]) == sum(map(int, re.findall(r"\d+", said[2])))
-
-
 def test_an_earlier_trim_is_kept_out_of_the_next(ball, tmp_path, capsys):
     """What `labels.npz` of an earlier trim gave to its object is not selected again, nor joined."""
     folder, scene, _ = ball
@@ -485,22 +413,6 @@ def test_an_earlier_trim_is_kept_out_of_the_next(ball, tmp_path, capsys):
     assert "Nothing is left of the selection" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--masks", "masks"], "--masks is for one object"),
-        (["--add", "rough.npy"], "leave SELECTION and marks out"),
-    ],
-)
-def test_labels_refuse_what_they_would_have_to_ignore(options, said, ball, tmp_path, monkeypatch, capsys):
-    folder, _, _ = ball
-    monkeypatch.chdir(folder)
-    command = ["trim", "scene.ply", "--labels", "rough.npy", "--cameras", "cameras.json", "--output", tmp_path / "out"]
-    assert run(*command, *options) == 2
-    assert said in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_reader_that_has_seen_enough_is_no_error():
     code = "import sys; from gaussian_trimmer.cli import main; sys.exit(main(['evaluate', '--help-all']))"
     reader, writer = os.pipe()
@@ -508,22 +420,6 @@ def test_a_reader_that_has_seen_enough_is_no_error():
     done = subprocess.run([sys.executable, "-c", code], stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
     os.close(writer)
     assert (done.returncode, done.stderr) == (141, "")
-
-
-def test_lines_of_a_summary_are_whole_where_there_is_no_terminal(ball, tmp_path, capsys):
-    folder, _, _ = ball
-    assert run("trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path / "out", *SMALL) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines == [line.rstrip() for line in lines]
-    assert [line.partition(":")[0] for line in lines[:2]] == ["object", "background"]
-
-
-def test_up_has_no_negative_zero(ball, tmp_path, capsys):
-    folder, _, _ = ball
-    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path / "out", *SMALL]
-    assert run(*command, "--up", -1e-5, -1e-5, 1, "--html") == 0
-    assert "0.000 0.000 1.000 (given" in capsys.readouterr().out
-    assert "-0.000" not in (tmp_path / "out" / "report.html").read_text().split("Up: ")[1][:100]
 
 
 def test_overview_names_every_command_and_the_version(capsys):

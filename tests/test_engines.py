@@ -13,7 +13,7 @@ from scenes import front_camera, random_scene
 from gaussian_trimmer import formats
 from gaussian_trimmer.commands.trim_run import scene_name
 from gaussian_trimmer.formats import ply
-from gaussian_trimmer.output.engines import ENGINES, PlacingOptions, convex_hull, rotation_between, turned
+from gaussian_trimmer.output.engines import PlacingOptions, convex_hull, rotation_between, turned
 from gaussian_trimmer.rendering import render
 
 
@@ -81,16 +81,6 @@ def test_a_hull_is_convex_closed_around_the_centres_and_faces_outwards(depth):
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
     if depth:
         assert np.einsum("fk,fk->f", a, np.cross(b, c)).sum() / 6 > 4  # a ball of radius 1 has 4.19
-
-
-def test_what_stands_as_it_is_wanted_is_not_touched():
-    scene = random_scene(0)
-    assert PlacingOptions("blender", "scene").placement(scene, [0, 0, 1]).apply(scene) is scene
-
-
-@pytest.mark.parametrize("name", ENGINES)
-def test_every_engine_gets_files_that_can_be_written(name):
-    assert set(ENGINES[name].reads) <= set(formats.FORMATS)
 
 
 def test_trim_writes_both_parts_for_an_engine_beside_those_of_the_scene(ball, tmp_path, capsys):

@@ -88,13 +88,6 @@ def test_what_cannot_be_used_is_one_sentence(folder, capsys, arguments, message)
     assert message in error and len(error.splitlines()) == 1
 
 
-def test_masks_of_other_pictures_are_refused(folder, capsys):
-    for path in (folder / "masks").iterdir():
-        path.rename(path.with_name(f"other_{path.name}"))
-    assert evaluate("object.ply") == 2
-    assert "No mask" in capsys.readouterr().err
-
-
 def test_each_of_several_objects_is_compared_with_what_is_most_like_it(folder, capsys):
     truth = np.load("truth.npy")
     (folder / "all").mkdir()

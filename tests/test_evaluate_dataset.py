@@ -101,14 +101,6 @@ def test_what_cannot_be_used_is_found_before_the_first_trim(folder, capsys, argu
     assert message in captured.err and not captured.out
 
 
-def test_a_target_that_the_cameras_lack_is_named(folder, capsys):
-    dataset_layouts.save_nvos(folder / "nvos", folder / "SAGA")
-    cameras = folder / "SAGA" / "fern" / "cameras.json"
-    cameras.write_text(cameras.read_text().replace("IMG_4027", "IMG_5000"))
-    assert run("evaluate", "nvos", "nvos", "--predictions", "SAGA", *SMALL) == 2
-    assert "IMG_4027" in capsys.readouterr().err
-
-
 def test_an_object_that_is_not_the_scenes_cannot_be_trimmed(folder, capsys):
     dataset_layouts.save_nvos(folder / "nvos", folder / "method")
     home = folder / "method" / "fern"

@@ -2,7 +2,6 @@
 
 import csv
 
-import cv2
 import numpy as np
 import pytest
 import toy
@@ -114,14 +113,6 @@ def test_a_view_in_which_others_hide_the_object_does_not_count(folder):
     assert rows[NAMES[0]]["pixels"] == "0" and rows[NAMES[0]]["PSNR (dB)"] == ""
     views = [float(rows[name]["PSNR (dB)"]) for name in NAMES[1:]]
     assert float(rows["mean"]["PSNR (dB)"]) == pytest.approx(np.mean(views), abs=1e-3)
-
-
-def test_masks_may_have_another_size(folder):
-    for name in NAMES:
-        mask = cv2.imread(str(folder / "masks" / name), cv2.IMREAD_GRAYSCALE)
-        write(folder / "large" / name, cv2.resize(mask, (2 * SIZE, 2 * SIZE), interpolation=cv2.INTER_NEAREST))
-    assert evaluate("floor.ply", "--output", "out", "--masks", "large") == 0
-    assert float(rows_of(folder / "out" / "removal.csv")["mean"]["PSNR (dB)"]) > 25  # the pictures are enlarged
 
 
 @pytest.mark.parametrize(

@@ -120,12 +120,3 @@ def test_equal_masks_change_nothing_and_inputs_are_left_alone():
             np.testing.assert_array_equal(array, copy)
     for mask, silhouette in zip(fused, silhouettes, strict=True):
         np.testing.assert_array_equal(mask, silhouette)
-
-
-def test_the_order_of_views_does_not_matter():
-    silhouettes, masks = masks_of(LEFT, CAMERAS), masks_of(WIDER, CAMERAS)
-    logits = logits_of([masks[0], silhouettes[1], masks[2], masks[3]], 3.0)
-    fused = fuse(silhouettes, logits)
-    backward = fuse_with_silhouettes(views_of(CAMERAS, silhouettes)[::-1], logits[::-1], SCENE)
-    for a, b in zip(fused, backward[::-1], strict=True):
-        np.testing.assert_array_equal(a, b)

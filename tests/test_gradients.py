@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 import pytest
 import reference
+from scenes import front_camera, random_scene
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, quaternions_of, rotation_matrices
-from gaussian_trimmer.rendering.gradients import draw, draw_with, gradients, loss_gradient
+from gaussian_trimmer.rendering import gradient_kernels
+from gaussian_trimmer.rendering.gradients import compile_kernels, draw, draw_with, gradients, loss_gradient
 
-_NAMES = (
+_NAMES = [
     "x",
     "y",
     "z",
-    "scale 1",
-    "scale 2",
-    "scale 3",
-    "turn 1",
-    "turn 2",
-    "turn 3",
+    "scale-1",
+    "scale-2",
+    "scale-3",
+    "turn-1",
+    "turn-2",
+    "turn-3",
     "opacity",
     "red",
     "green",
     "blue",
-)
+]
 
 
 def _scene(n: int = 12, seed: int = 3) -> tuple[Gaussians, Camera]:
@@ -144,3 +147,22 @@ def test_gaussians_that_are_degenerate_have_finite_derivatives() -> None:
     found = gradients(draw(broken, camera), _slopes(camera), np.ones(len(broken), np.bool_))
     assert np.isfinite(found).all()
     assert found[4:].any()
+
+
+KERNELS = [
+    gradient_kernels.huber_gradient, gradient_kernels.differentiate_tiles, gradient_kernels.sum_moving_pairs,
+    gradient_kernels.gather,
+]  # fmt: skip
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="NUMBA_DISABLE_JIT is set, so nothing is compiled.")
+def test_every_kernel_is_compiled_for_the_types_that_it_is_called_with():
+    """Kernels compiled ahead for other types would be compiled twice."""
+    compile_kernels()
+    before = [kernel.signatures for kernel in KERNELS]
+    scene, camera = random_scene(0, 40), front_camera(48, 32)
+    drawing = draw(scene, camera)
+    picture = np.zeros((4, 32, 48), np.float32)
+    gradients(drawing, loss_gradient(drawing, picture, picture + 1, 0.1), np.ones(len(scene), np.bool_))
+    assert all(before)
+    assert [kernel.signatures for kernel in KERNELS] == before

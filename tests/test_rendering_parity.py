@@ -97,11 +97,6 @@ def test_scenes_are_worth_rendering():
     assert reference_rendering("behind", 83, 61).alpha.max() == 0
 
 
-def test_black_is_the_default_background():
-    gaussians, camera = view("random 1", 48, 32)
-    assert_close(rendering.render(gaussians, camera).rgb, reference.render(gaussians, camera).rgb)
-
-
 @pytest.mark.parametrize("args", [("random 2", 83, 61), ("exhausted", 130, 17), ("empty", 7, 5)], ids=str)
 def test_blend_values(args):
     gaussians, camera = view(*args)

@@ -61,12 +61,6 @@ def test_weights_of_many_labels_are_found_in_parts_of_the_kept_lists(monkeypatch
     assert len(list(projection.parts(CAMERA))) == 1
 
 
-def test_counts_of_pairs_have_64_bits():
-    projection = project_view(SCENE, CAMERA)
-    assert projection.tile_starts.dtype == np.int64
-    assert all(part.starts.dtype == np.int64 for part in projection.parts(CAMERA))
-
-
 def large_and_faint(n):
     """Gaussians that reach every tile of the picture."""
     return concatenate([gaussian((0.4, -0.3, 0.2), scale=50.0, opacity=0.01)] * n)
