@@ -1,7 +1,5 @@
 """Runs of the command line on the ball of `toy`, saved as files."""
 
-import json
-
 import cv2
 import numpy as np
 import toy
@@ -20,17 +18,7 @@ def save_ball(folder):
     formats.write(scene, folder / "scene.ply")
     np.save(folder / "rough.npy", toy.dilated(scene, truth))
     cameras, _ = plan_cameras(scene.select(truth), toy.UP, PlanConfig(size=96))
-    frames = [
-        {
-            "file": f"{i}.png",
-            "width": 96,
-            "height": 96,
-            "K": c.K.tolist(),
-            "world_to_camera": c.world_to_camera.tolist(),
-        }
-        for i, c in enumerate(cameras)
-    ]
-    (folder / "cameras.json").write_text(json.dumps({"up": [0, 0, 1], "frames": frames}))
+    toy.save_cameras(folder / "cameras.json", cameras)
     (folder / "masks").mkdir()
     for i, camera in enumerate(cameras[:4]):
         share = blend_values(scene, camera, truth[:, None].astype(np.float32))[..., 0]

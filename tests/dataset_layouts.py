@@ -1,7 +1,5 @@
 """Small folders in the layouts of published data sets, made of the ball of `toy`, with the traps of the real ones."""
 
-import json
-
 import cv2
 import numpy as np
 import toy
@@ -19,11 +17,7 @@ def save_capture(folder, names, selection_name="selection.npy"):
     scene, truth = toy.ball_on_floor()
     formats.write(scene, folder / "scene.ply")
     cameras, _ = plan_cameras(scene.select(truth), toy.UP, PlanConfig(size=SIZE, views=len(names)))
-    frames = [
-        {"file": name, "width": SIZE, "height": SIZE, "K": c.K.tolist(), "world_to_camera": c.world_to_camera.tolist()}
-        for name, c in zip(names, cameras, strict=True)
-    ]
-    (folder / "cameras.json").write_text(json.dumps({"up": [0, 0, 1], "frames": frames}))
+    toy.save_cameras(folder / "cameras.json", cameras, names)
     if selection_name:
         np.save(folder / selection_name, toy.dilated(scene, truth))
     masks, pictures = {}, {}

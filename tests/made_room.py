@@ -1,6 +1,6 @@
 """A room whose surfaces and things are made of Gaussians of known labels, and the cameras that see it."""
 
-import json
+from dataclasses import replace
 
 import numpy as np
 import toy
@@ -81,39 +81,15 @@ def cameras(count=10, distance=5.0, height=2.5):
 def save(scene: Gaussians, seen: CameraSet, folder):
     """The scene as scene.ply and its cameras as cameras.json in a folder."""
     formats.write(scene, folder / "scene.ply")
-    frames = [
-        {
-            "file": f"{number}.png",
-            "width": camera.width,
-            "height": camera.height,
-            "K": camera.K.tolist(),
-            "world_to_camera": camera.world_to_camera.tolist(),
-        }
-        for number, camera in enumerate(seen.cameras)
-    ]
-    (folder / "cameras.json").write_text(json.dumps({"up": [0, 0, 1], "frames": frames}))
+    toy.save_cameras(folder / "cameras.json", seen.cameras)
 
 
 def moved(scene: Gaussians, seen: CameraSet, rotation, scale, shift):
     """The scene and its cameras, turned, scaled and shifted."""
-    from dataclasses import replace
-
-    turned = quaternions_of(rotation @ rotations(scene))
-    other = scene.replace(
-        means=(scale * scene.means @ rotation.T + shift).astype(np.float32),
-        log_scales=scene.log_scales + np.float32(np.log(scale)),
-        quaternions=turned,
-    )
     placed = []
     for camera in seen.cameras:
         pose = np.eye(4)
         pose[:3, :3] = camera.rotation @ rotation.T
         pose[:3, 3] = -pose[:3, :3] @ (scale * rotation @ camera.centre + shift)
         placed.append(replace(camera, world_to_camera=pose))
-    return other, CameraSet(tuple(placed), rotation @ seen.up, seen.train, False)
-
-
-def rotations(scene):
-    from gaussian_trimmer.gaussians import rotation_matrices
-
-    return rotation_matrices(scene.quaternions)
+    return toy.moved(scene, rotation, scale, shift), CameraSet(tuple(placed), rotation @ seen.up, seen.train, False)

@@ -4,8 +4,7 @@ import base64
 
 import numpy as np
 import pytest
-from app_tab import Tab, until
-from browser import chromium
+from browser import Tab, chromium, until
 
 from gaussian_trimmer import formats, sample
 

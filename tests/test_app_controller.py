@@ -11,7 +11,7 @@ import made_room as room
 import numpy as np
 import pytest
 import toy
-from app_session import BALL, FLOOR
+from toy import BALL, FLOOR
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits

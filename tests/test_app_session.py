@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import toy
-from app_session import BALL, FLOOR, TOP, click_on_ball
 from command_line import run
+from toy import BALL, FLOOR, TOP
 
 import gaussian_trimmer as gt
 from gaussian_trimmer import formats
@@ -32,7 +32,7 @@ from gaussian_trimmer.app.snapshots import PALETTE, TrimChoices
 from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.errors import InputError, OutputExistsError
 from gaussian_trimmer.gaussians import SH_C0
-from gaussian_trimmer.selecting.marks import Box3D, FromFile, Rows, Sphere, Stroke, read_marks, write_marks
+from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Rows, Sphere, Stroke, read_marks, write_marks
 from gaussian_trimmer.selecting.select import resolve_views, select
 from gaussian_trimmer.trimming.up_vector import FROM_FORMAT
 
@@ -43,6 +43,12 @@ def state(session):
     now = session.now
     parts = [(part.name, part.colour, part.marks, part.n_selected, part.stale, part.fresh) for part in now.objects]
     return parts, now.active
+
+
+def click_on_ball(session):
+    camera = session.document.cameras.cameras[0]
+    x, y = camera.project(toy.CENTRE[None])[0][0].astype(int).tolist()
+    return Click(x, y, Viewpoint(camera))
 
 
 def mark(session, *marks, **options):

@@ -7,17 +7,15 @@ import cv2
 import numpy as np
 import pytest
 import toy
-from baselines import METHODS, Lifting, table_of
+from baselines import METHODS, Lifting
 from command_line import save_ball
 from found import counts
 from quality import DATA, main, trials, worth_table
-from variants import stages, variants
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.scoring import Judge
 from gaussian_trimmer.evaluation.trials import Run, measure, way_of
 from gaussian_trimmer.rendering import blend_values
-from gaussian_trimmer.trimming.config import TrimConfig
 
 
 @pytest.fixture
@@ -95,12 +93,6 @@ def test_a_part_is_worth_what_trims_without_it_lack():
     assert row[:2] == ["less", 2] and row[2] == pytest.approx((2, 1, 3)) and row[-1][0] == 0
 
 
-def test_every_stage_of_the_default_can_be_left_out():
-    base = TrimConfig()
-    assert all(config != base for config in stages(base).values())
-    assert {"default", "paper", "paper-views-3", "sagd-split", *stages(base)} <= variants().keys()
-
-
 @pytest.mark.parametrize(
     ("shared", "found", "missed", "false", "split", "merged"),
     [
@@ -131,9 +123,3 @@ def test_baselines_lift_masks_as_their_methods_do():
     assert selection.sum() == votes.sum() and len(shortened) == len(scene)  # one child, and nothing outside
     assert (shortened.log_scales[: votes.sum()] <= scene.log_scales[votes] + 1e-6).all()
     assert len(lifted["COB-GS-like"][0]) >= len(scene)
-
-
-def test_baselines_have_rows_alone_and_trimmed():
-    alone, trimmed = table_of([run_of(), run_of(gain=3.0, object="cup")], ("default",), []).rows
-    assert alone[0] == "dilated" and trimmed[0] == "+ default"
-    assert (alone[1][0], trimmed[1][0]) == (90.0, 92.0)

@@ -11,8 +11,16 @@ import sys
 import numpy as np
 import pytest
 import reference
-from extreme_scenes import COORDINATES, FAR_COORDINATES, MEANINGLESS, extreme_camera, extreme_scene, huge_gaussians
-from scenes import front_camera, gaussian
+from scenes import (
+    COORDINATES,
+    FAR_COORDINATES,
+    MEANINGLESS,
+    extreme_camera,
+    extreme_scene,
+    front_camera,
+    gaussian,
+    huge_gaussians,
+)
 from test_rendering_parity import LARGEST_FLIP, TOLERANCE, assert_close, assert_weights_close
 
 from gaussian_trimmer import rendering

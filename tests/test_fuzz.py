@@ -1,10 +1,21 @@
-"""Runs of `fuzz` over every reader, each in a process of its own, and what it makes of readers that misbehave."""
+"""Every reader against files that are damaged at random, with limits on memory and time.
+
+Readers may succeed or raise InputError with a sentence fit for a terminal; whatever else happens is a defect. The
+environment variables CASES and SEED say how often and how each is tried; a defect tells what repeats it, and if the
+process dies, the end of standard error does.
+"""
 
 from __future__ import annotations
 
 import os
+import random
+import signal
 import subprocess
 import sys
+import tempfile
+import traceback
+import warnings
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -12,23 +23,74 @@ import pytest
 if not sys.platform.startswith("linux"):
     pytest.skip("limits on memory and time are those of Linux", allow_module_level=True)
 
-from fuzz.__main__ import defects
-from fuzz.samples import Reader, readers
+import resource
+
+from fuzz.mutations import mutate
+from fuzz.samples import Files, Reader, check_message, readers
 
 from gaussian_trimmer.errors import InputError
 
-CASES = 300
-READERS = readers()
+CASES, SEED = int(os.environ.get("CASES", "300")), os.environ.get("SEED", "0")
+MEMORY = 2 << 30
+"""Address space beyond what the process has when it begins."""
+SECONDS = 5.0
+"""Processor time of a case."""
+
+
+def make_case(reader: Reader, name: str, case: int) -> Files:
+    """The files of a case, of which the first is to be read; the first cases are the samples as they are."""
+    if case < len(reader.samples):
+        return reader.samples[case]
+    rng = random.Random(f"{SEED}/{name}/{case}")
+    files = dict(rng.choice(reader.samples))
+    target = rng.choice(list(files))
+    files[target] = mutate(rng, files[target])
+    return files
+
+
+def defects(reader: Reader, name: str, cases: Iterable[int]) -> Iterator[str]:
+    """Cases that neither succeed nor are refused with a sentence; the samples themselves must be read."""
+    for case in cases:
+        print(f"\r{name} {case}", end="", file=sys.stderr, flush=True)
+        try:
+            with tempfile.TemporaryDirectory() as folder:
+                signal.setitimer(signal.ITIMER_PROF, SECONDS)
+                files = make_case(reader, name, case)
+                for file, data in files.items():
+                    (Path(folder) / file).parent.mkdir(parents=True, exist_ok=True)
+                    (Path(folder) / file).write_bytes(data)
+                try:
+                    reader.read(Path(folder) / next(iter(files)))
+                except InputError as error:
+                    check_message(error)
+                    assert case >= len(reader.samples), error
+        except Exception:
+            yield f"SEED={SEED} {name} case {case}\n{traceback.format_exc()[-1500:]}"
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0)
+
+
+def stop(*_: object) -> None:
+    raise TimeoutError(f"more than {SECONDS} s")
+
+
+def try_reader(name: str, *cases: int) -> None:
+    """Try some cases, or as many as CASES says, in this process, and print the defects."""
+    in_use = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (in_use + MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))
+    signal.signal(signal.SIGPROF, stop)
+    warnings.simplefilter("ignore")
+    warnings.simplefilter("error", RuntimeWarning)
+    print(*defects(readers()[name], name, cases or range(CASES)), "end", sep="\n")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("name", readers())
 def test_readers_succeed_or_refuse(name: str) -> None:
-    command = [sys.executable, "-m", "tests.fuzz", "--cases", str(CASES), "--seed", "0", "--reader", name]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-    root = Path(__file__).parents[1]
-    done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=False, timeout=600)
-    assert (done.returncode, done.stdout.split("\n")[-2]) == (0, f"{CASES} cases, 0 defects"), done.stdout + done.stderr
+    command = [sys.executable, "-c", f"from test_fuzz import try_reader; try_reader({name!r})"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=600)
+    assert (done.returncode, done.stdout.strip()) == (0, "end"), done.stdout + done.stderr
 
 
 def test_misbehaviour_is_seen() -> None:
@@ -44,8 +106,9 @@ def test_misbehaviour_is_seen() -> None:
                 raise KeyError("no sentence")
 
     words = ["read", "refuse", "escape", "raise", "read"]
-    found = dict(defects(Reader([{"a": word.encode()} for word in words], misbehave), "misbehave", 0, range(5)))
-    assert sorted(found) == [1, 2, 3]  # a sample must be read, so that refusing the first ones is a defect too
-    assert "KeyError: 'no sentence'" in found[3]
+    found = list(defects(Reader([{"a": word.encode()} for word in words], misbehave), "misbehave", range(5)))
+    # A sample must be read, so that refusing the first ones is a defect too.
+    assert [text.split("\n")[0].split()[-1] for text in found] == ["1", "2", "3"]
+    assert "KeyError: 'no sentence'" in found[2]
     refusing = Reader([{"a": b"read"}], lambda path: misbehave(path.write_bytes(b"refuse") and path))
-    assert [case for case, _ in defects(refusing, "refuse", 0, range(1, 9))] == []
+    assert not list(defects(refusing, "refuse", range(1, 9)))

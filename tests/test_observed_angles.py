@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-import toy
 from toy import CENTRE, UP, ball_on_floor
 
-from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at, up_frame
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at, up_frame
 from gaussian_trimmer.geometry.bounds import robust_bounds
-from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views.observed_angles import cameras_that_see
-from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras
+from gaussian_trimmer.views.virtual_cameras import plan_cameras
 
 SCENE, TRUTH = ball_on_floor(n_floaters=0)
 BALL = SCENE.select(TRUTH)
@@ -84,16 +82,3 @@ def test_cameras_that_look_elsewhere_say_nothing_of_where_the_object_was_seen_fr
     np.testing.assert_allclose([c.centre for c in both], [c.centre for c in alone])
     blind, free = (plan_cameras(BALL, UP, training_cameras=cameras)[0] for cameras in (elsewhere, ()))
     np.testing.assert_allclose([c.centre for c in blind], [c.centre for c in free])
-
-
-@toy.one_thread()
-@pytest.mark.parametrize("position", [CENTRE + np.array([0, 0, 6]), (5, 0, 2)])
-def test_one_training_camera_is_enough_for_a_trim(position):
-    seen_from = camera(position, up=(0.3, 1, 0.1))
-    config = toy.small_config(plan=PlanConfig(size=96))
-    rough = toy.dilated(SCENE, TRUTH)
-    result = trim(SCENE, rough, config=config, cameras=CameraSet((seen_from,), None, (True,), False))
-    assert smallest_turn([view.view.camera for view in result.objects[0].views]) > 2
-    kept = np.zeros(len(SCENE), np.bool_)
-    kept[result.objects[0].source_index] = True
-    assert toy.jaccard(kept, TRUTH) > toy.jaccard(rough, TRUTH)

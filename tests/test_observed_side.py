@@ -57,24 +57,6 @@ def test_a_wall_behind_the_object_turns_the_views_away_from_it_at_a_low_pitch(ya
     assert plan.pitch_degrees == pytest.approx(10, abs=2)  # it is about as tall as it is wide
 
 
-@pytest.mark.parametrize("yaw", [20, 200])
-def test_planned_views_stand_before_the_wall(yaw):
-    scene, truth = with_wall(yaw)
-    plan = restricted(scene, truth)
-    cameras, bounds = plan_cameras(scene.select(truth), UP, plan)
-    outward = np.array([camera.centre for camera in cameras]) - bounds.centre
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    assert (outward @ direction(yaw) < -0.4).all()
-    np.testing.assert_allclose(outward @ UP, np.sin(np.radians(plan.pitch_degrees)), atol=1e-6)
-
-
-def test_nothing_but_yaw_and_pitch_is_changed():
-    config = PlanConfig(views=7, size=128, fov_degrees=40, fill=0.6)
-    plan = restricted(*with_wall(0), config)
-    for name in ("views", "size", "fov_degrees", "fill", "framing"):
-        assert getattr(plan, name) == getattr(config, name)
-
-
 @pytest.mark.parametrize(
     "config", [PlanConfig(yaw_range_degrees=(0, 360)), PlanConfig(pitch_degrees=30), PlanConfig(framing="paper")]
 )

@@ -42,16 +42,11 @@ def scaled(factor):
     ("name", "value", "first"),
     [
         ("means", 1e19, r"1e\+19, 1e\+19, 1e\+19"),
-        ("means", [0, -3e38, 0], r"0, -3e\+38, 0"),
         ("means", np.nan, "nan, nan, nan"),
         ("log_scales", 88.5, "88.5, 88.5, 88.5"),
-        ("log_scales", [0, -np.inf, 0], "0, -inf, 0"),
         ("opacity_logits", np.nan, "nan"),
         ("quaternions", 0, "0, 0, 0, 0"),
-        ("quaternions", [1e-30, 0, 0, 0], "1e-30, 0, 0, 0"),
         ("quaternions", [0, 1e20, 0, 0], r"0, 1e\+20, 0, 0"),
-        ("quaternions", np.nan, "nan, nan, nan, nan"),
-        ("sh_dc", [0, np.inf, 0], "0, inf, 0"),
         ("sh_dc", -1e16, r"-1e\+16, -1e\+16, -1e\+16"),
     ],
 )

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import toy
-from app_session import BALL
 from command_line import run, save_ball
+from toy import BALL
 
 import gaussian_trimmer as gt
 from gaussian_trimmer.cameras import Viewpoint

@@ -100,15 +100,6 @@ def test_height_is_measured_along_the_up_axis_of_the_bounds():
     assert np.mean(found.above == straight.above) > 0.99
 
 
-@pytest.mark.parametrize("radius", [0.01, 300.0])
-def test_places_are_in_radii_whatever_the_units(radius):
-    thing = desk()
-    shifted = replace(thing, scene=thing.scene.replace(means=thing.scene.means + np.float32([2, -3, 1])))
-    found = support(shifted, thing.of(BLOCK), bounds(radius, (2, -3, 1)))
-    assert found.on_surface[thing.of(TABLE)].all()
-    assert found.above[thing.of(POST)].mean() > 0.9
-
-
 def test_there_is_none_in_a_cloud():
     thing = desk()
     cloud = thing.scene.means.copy()
@@ -155,11 +146,6 @@ def test_the_top_of_a_plinth_is_found_though_most_lies_elsewhere(level):
     assert support(thing, box, seen=np.where(thing.of(TABLE), 0.3, seen)) is None
 
 
-def test_a_layer_that_no_view_shows_is_none():
-    thing = desk()
-    assert support(thing, thing.of(BLOCK), seen=np.where(thing.of(TABLE), 0.01, 5.0)) is None
-
-
 def test_there_is_none_without_surroundings_without_a_selection_or_disabled():
     thing = desk()
     nothing = np.zeros(len(thing.part), np.bool_)
@@ -175,14 +161,6 @@ def test_an_arm_within_the_bounds_is_attached_and_a_piece_apart_is_not():
     ends, between = with_ends(thing)
     np.testing.assert_array_equal(attached(thing, ends), between)
     assert not attached(thing, thing.of(BLOCK), min_within_bounds=1.0).any()
-
-
-def test_a_piece_of_which_too_little_is_selected_is_not_attached():
-    thing = desk()
-    little, between = with_ends(thing)
-    little &= thing.scene.means[:, 0] > 0.1
-    assert attached(thing, little, reach=0.5)[between].all()
-    assert not attached(thing, little, reach=0.5, min_selected=0.6).any()
 
 
 def test_a_piece_within_the_bounds_of_a_few_selected_ends_is_attached_and_one_beyond_them_is_not():
@@ -204,18 +182,6 @@ def test_a_selection_of_the_surface_itself_stands_on_nothing():
     part = thing.of(TABLE) & (thing.scene.means[:, 0] < 0)
     assert support(thing, part) is None
     assert support(thing, part | thing.of(BLOCK), max_selected_within=1.0) is not None
-
-
-def test_a_wider_gap_joins_what_stands_apart():
-    thing = desk()
-    assert attached(thing, thing.of(BLOCK), gap=0.8, reach=0.8)[thing.of(POST) & (thing.scene.means[:, 2] > -0.5)].all()
-
-
-def test_nothing_above_the_surface_is_nothing_attached():
-    thing = desk()
-    flat = replace(support(thing, thing.of(BLOCK)), above=np.zeros(len(thing.part), np.bool_))
-    positions = thing.scene.means
-    assert not attached_to_object(positions, thing.of(BLOCK), weights(thing), flat, 0.1, 0.1, CONFIG).any()
 
 
 @pytest.mark.parametrize(("gap", "joined"), [(0.3, True), (0.1, False)])

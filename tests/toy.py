@@ -1,5 +1,6 @@
 """A red ball on a checkered floor, made of Gaussians whose true labels are known, rough selections of it, and trims."""
 
+import json
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.gaussians import SH_C0, Gaussians, concatenate, logit, quaternions_of, rotation_matrices
 from gaussian_trimmer.rendering import Rendering
+from gaussian_trimmer.selecting.marks import Sphere
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim, views_to_segment
@@ -19,6 +21,10 @@ from gaussian_trimmer.views.virtual_cameras import PlanConfig
 UP = np.array([0.0, 0.0, 1.0])
 CENTRE = np.array([0.0, 0.0, 1.0])
 RADIUS = 1.0
+BALL = Sphere((0.0, 0.0, 1.0), 1.2)
+TOP = Sphere((0.0, 0.0, 2.0), 0.5, effect="remove")
+FLOOR = Sphere((0.0, 0.0, 0.0), 0.9)
+"""Marks on the ball, of which the second takes its top away."""
 RED, WHITE, BLUE = (0.8, 0.15, 0.1), (0.85, 0.85, 0.8), (0.2, 0.3, 0.6)
 
 
@@ -70,6 +76,21 @@ def camera_at(position, target=CENTRE, size=200):
     """A camera that looks at the ball, or elsewhere."""
     pose = look_at(np.asarray(position, float), np.asarray(target, float), UP)
     return Camera(pose, intrinsics(np.radians(60), size, size), size, size)
+
+
+def save_cameras(path, cameras, names=None):
+    """Write cameras as a `cameras.json` of upright pictures 0.png, 1.png, ... or of other names."""
+    frames = [
+        {
+            "file": name,
+            "width": camera.width,
+            "height": camera.height,
+            "K": camera.K.tolist(),
+            "world_to_camera": camera.world_to_camera.tolist(),
+        }
+        for name, camera in zip(names or map("{}.png".format, range(len(cameras))), cameras, strict=True)
+    ]
+    path.write_text(json.dumps({"up": UP.tolist(), "frames": frames}))
 
 
 def dilated(scene, truth, reach=0.5):

@@ -17,7 +17,7 @@ import numpy as np
 import test_camera_files
 import test_nerfstudio
 from format_samples import sample
-from selection_builders import save_ply
+from selection_builders import checkpoint_entries, save_ply
 from test_streamed_sog import PLAYBOT, streamed
 
 from gaussian_trimmer import formats
@@ -230,14 +230,11 @@ def _torch_samples(mask: np.ndarray, labels: np.ndarray) -> list[bytes]:
 
 def _checkpoints() -> list[bytes]:
     """With logits, and with features, which are selected by one of the options."""
-    n = 12
-    part = SCENE.select(slice(0, n))
-    rest = np.ascontiguousarray(part.sh_rest.transpose(0, 2, 1))
-    base = [part.means, part.sh_dc[:, None], rest, part.log_scales, part.quaternions, part.opacity_logits[:, None]]
+    part, logits = SCENE.select(slice(0, 12)), np.linspace(-5, 5, 12).astype(np.float16)
     state = {"state": {0: {"exp_avg": part.means}}, "param_groups": [{"lr": 0.1, "params": [0]}]}
-    tail = [np.zeros(n, np.float32), np.zeros((n, 1), np.float32), np.zeros((n, 1), np.float32), state, 4.7]
-    logits = np.linspace(-5, 5, n).astype(np.float16)
-    return [torch_file(((1, *base, logits, *tail), 30_000)), torch_file((1, *base, logits.astype(np.float32), *tail))]
+    *entries, _, extent = checkpoint_entries(part, logits)
+    *others, _, _ = checkpoint_entries(part, logits.astype(np.float32))
+    return [torch_file(((*entries, state, extent), 30_000)), torch_file((*others, state, extent))]
 
 
 def _camera_readers() -> dict[str, Reader]:
