@@ -90,7 +90,7 @@ def test_objects_assigned_in_passes_are_those_assigned_at_once(monkeypatch: pyte
     weights, numbers = np.random.default_rng(0).exponential(size=(500, 30)), np.arange(1, 30)
     found = []
     for objects in (29, 1, 7):
-        monkeypatch.setattr(selection_files.labels, "_OBJECTS_AT_ONCE", objects)
+        monkeypatch.setattr(selection_files.method_kinds, "_OBJECTS_AT_ONCE", objects)
         found.append(assign_labels(500, numbers, lambda part: weights[:, [0, *part]], -0.3))
     assert len(np.unique(found[0])) > 20
     assert (found[0] == found[1]).all() and (found[0] == found[2]).all()
