@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from pathlib import Path
 
 import numpy as np
@@ -68,54 +67,23 @@ def classifier_state(n_ids: int):
     with torch.no_grad():
         layer.weight.copy_(torch.eye(n_ids, N_FEATURES)[:, :, None, None])
         layer.bias.zero_()
-    state = layer.state_dict()
-    assert isinstance(state, OrderedDict)
-    assert state["weight"].shape == (n_ids, N_FEATURES, 1, 1)
-    return state
+    return layer.state_dict()
 
 
 def checkpoint_state(gaussians: Gaussians, extra=None) -> tuple:
-    """What the original's capture() returns after a step of training; `extra` goes to place 7.
-
-    The scene's extent, and with it a learning rate, is a NumPy number.
-    """
+    """What the original's capture() returns: parameters, an optimizer's state with rates of NumPy, and the extent."""
     import torch
 
-    def parameter(array: np.ndarray):
-        return torch.nn.Parameter(torch.tensor(np.ascontiguousarray(array)).requires_grad_(True))
+    def parameter(entry):
+        tensor = torch.tensor(np.ascontiguousarray(entry)) if isinstance(entry, np.ndarray) else entry
+        return torch.nn.Parameter(tensor) if isinstance(tensor, torch.Tensor) else tensor
 
-    n = len(gaussians)
-    extent = np.float64(4.7)
-    tensors = {
-        "xyz": parameter(gaussians.means),
-        "f_dc": parameter(gaussians.sh_dc[:, None]),
-        "f_rest": parameter(gaussians.sh_rest.transpose(0, 2, 1)),
-        "scaling": parameter(gaussians.log_scales),
-        "rotation": parameter(gaussians.quaternions),
-        "opacity": parameter(gaussians.opacity_logits[:, None]),
-    }
-    rates = [np.float32(0.00016) * extent, 0.0025, 0.000125, 0.005, 0.001, 0.05]
-    groups = [
-        {"params": [tensor], "lr": rate, "name": name}
-        for (name, tensor), rate in zip(tensors.items(), rates, strict=True)
-    ]
-    optimizer = torch.optim.Adam(groups, lr=0.0, eps=1e-15)
-    sum((tensor**2).sum() for tensor in tensors.values()).backward()
-    before = {name: tensor.detach().clone() for name, tensor in tensors.items()}
-    optimizer.step()
-    with torch.no_grad():
-        for name, tensor in tensors.items():
-            tensor.copy_(before[name])
-    return (
-        gaussians.sh_degree,
-        *tensors.values(),
-        *([] if extra is None else [extra]),
-        torch.zeros(n),
-        torch.zeros(n, 1),
-        torch.zeros(n, 1),
-        optimizer.state_dict(),
-        extent,
-    )
+    degree, *entries, _, extent = checkpoint_entries(gaussians, extra)
+    parameters = [parameter(entry) for entry in entries]
+    optimizer = torch.optim.Adam([{"params": parameters[:6], "lr": np.float32(0.00016) * np.float64(extent)}])
+    sum(0 * tensor.sum() for tensor in parameters[:6]).backward()
+    optimizer.step()  # all gradients are zero
+    return (degree, *parameters, optimizer.state_dict(), np.float64(extent))
 
 
 def checkpoint_entries(gaussians: Gaussians, extra: np.ndarray | None = None) -> tuple:

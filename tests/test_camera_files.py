@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -160,15 +161,13 @@ def test_opengl_camera_looks_along_minus_z(tmp_path: Path) -> None:
     np.testing.assert_allclose(pixels, [[50, 40], [75, 15]])  # +x is right, +y up in the image
 
 
-def test_split_and_up_of_matrix_files(tmp_path: Path) -> None:
-    frames = [matrix_frame(c) | {"split": s} for c, s in zip(random_cameras(2), ("train", "test"), strict=True)]
+def test_splits_and_up(tmp_path: Path) -> None:
+    cameras = random_cameras(2)
+    frames = [matrix_frame(c) | {"split": s} for c, s in zip(cameras, ("train", "test"), strict=True)]
     found = read_camera_set(write_json({"up": [0, 0, 2], "frames": frames}, tmp_path / "c.json"))
     assert found.train == (True, False)
     assert found.up is not None and found.up.tolist() == [0, 0, 1]
-
-
-def test_split_of_transforms(tmp_path: Path) -> None:
-    frames = [transforms_frame(c) for c in random_cameras(2)]
+    frames = [transforms_frame(c) for c in cameras]
     document = {"train_filenames": [frames[1]["file_path"]], "frames": frames}
     assert read_camera_set(write_json(document, tmp_path / "t.json")).train == (False, True)
 
@@ -219,27 +218,18 @@ def test_equal_file_names_keep_their_folders_but_do_not_lead_out(tmp_path: Path)
     assert names == ["a/0.png", "b/0.png", "1.png"]
 
 
-@pytest.mark.parametrize("keep", [0, 30, 75, 90, 300])
-def test_truncated_images(keep: int, tmp_path: Path) -> None:
-    write_colmap_binary(random_cameras(), tmp_path)
-    images = tmp_path / "images.bin"
-    images.write_bytes(images.read_bytes()[:keep])
-    with pytest.raises(InputError, match="truncated"):
-        read_camera_set(tmp_path)
-
-
-def test_truncated_cameras_and_false_counts(tmp_path: Path) -> None:
-    write_colmap_binary(random_cameras(), tmp_path)
-    cameras, images = tmp_path / "cameras.bin", tmp_path / "images.bin"
-    whole = cameras.read_bytes()
-    for damaged in (whole[:40], struct.pack("<Q", 1 << 60) + whole[8:]):
-        cameras.write_bytes(damaged)
-        with pytest.raises(InputError, match="truncated"):
-            read_camera_set(tmp_path)
-    cameras.write_bytes(whole)
-    start = images.read_bytes()
-    end_of_name = start.index(b"\0", 8 + 64) + 1
-    images.write_bytes(start[:end_of_name] + struct.pack("<Q", 1 << 62) + start[end_of_name + 8 :])
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        *(("images.bin", lambda data, keep=keep: data[:keep]) for keep in (0, 30, 75, 90, 300)),
+        ("cameras.bin", lambda data: data[:40]),
+        ("cameras.bin", lambda data: struct.pack("<Q", 1 << 60) + data[8:]),
+        ("images.bin", lambda data: data[: 8 + 64 + 11] + struct.pack("<Q", 1 << 62) + data[8 + 64 + 19 :]),
+    ],
+)
+def test_truncated_files_and_false_counts(name: str, change: Callable[[bytes], bytes], tmp_path: Path) -> None:
+    path = write_colmap_binary(random_cameras(), tmp_path) / name
+    path.write_bytes(change(path.read_bytes()))
     with pytest.raises(InputError, match="truncated"):
         read_camera_set(tmp_path)
 
@@ -285,12 +275,17 @@ def test_damaged_colmap_text(old: str, new: str, message: str, tmp_path: Path) -
         ({"K": [[10**400, 0, 0], [0, 500, 0], [0, 0, 1]]}, "finite"),
         ({"width": 0}, "0 x 480 pixels is not possible"),
         ({"width": 12.5}, "not possible"),
+        ({"width": 60_000, "height": 60_000}, "not possible"),
+        ({"K": [[1e12, 0, 12], [0, 1e12, 8], [0, 0, 1]]}, "not possible"),
+        ({"K": [[1e-9, 0, 12], [0, 30, 8], [0, 0, 1]]}, "not possible"),
+        ({"K": [[30, 0, 1e12], [0, 30, 8], [0, 0, 1]]}, "not possible"),
+        ({"world_to_camera": [[1, 0, 0, 1e30], [0, 1, 0, 0], [0, 0, 1, 0]]}, r"up to 1e\+15"),
     ],
 )
 def test_impossible_cameras(change: dict[str, Any], message: str, tmp_path: Path) -> None:
-    frame = matrix_frame(random_cameras(1)[0]) | change
-    with pytest.raises(InputError, match=message):
-        read_camera_set(write_json({"frames": [frame]}, tmp_path / "c.json"))
+    frames = [matrix_frame(random_cameras(1)[0]), matrix_frame(random_cameras(1)[0]) | change]
+    with pytest.raises(InputError, match=f"frame 1.*{message}"):
+        read_camera_set(write_json({"frames": frames}, tmp_path / "c.json"))
 
 
 @pytest.mark.parametrize(

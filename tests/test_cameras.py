@@ -19,12 +19,21 @@ POSITIONS = [(3.0, 0.0, 0.0), (0.0, -4.0, 1.0), (-2.0, 1.0, -2.0), (0.5, 0.5, 5.
 
 
 @pytest.mark.parametrize("position", POSITIONS)
-def test_target_appears_at_the_centre(position):
+def test_a_placed_camera_is_rigid_and_sees_its_target_in_the_middle_upright(position):
     target = np.array([0.3, -0.2, 0.1])
     camera = placed(position, target)
-    pixels, depths = camera.project(target[None])
-    np.testing.assert_allclose(pixels, [[60, 40]], atol=1e-9)
-    assert depths[0] == pytest.approx(np.linalg.norm(target - position))
+    np.testing.assert_allclose(camera.rotation @ camera.rotation.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(camera.rotation) == pytest.approx(1)
+    np.testing.assert_allclose(camera.centre, position, atol=1e-12)
+    np.testing.assert_allclose(camera.to_camera(camera.centre[None]), np.zeros((1, 3)), atol=1e-12)
+    distance = np.linalg.norm(target - position)
+    np.testing.assert_allclose(camera.forward, (target - position) / distance, atol=1e-12)
+    right = np.cross(camera.forward, UP)
+    pixels, depths = camera.project(target + np.stack([np.zeros(3), 0.1 * UP, 0.1 * right]))
+    np.testing.assert_allclose(pixels[0], [60, 40], atol=1e-9)
+    assert depths[0] == pytest.approx(distance)
+    assert pixels[1, 1] < 40 and pixels[1, 0] == pytest.approx(60)
+    assert pixels[2, 0] > 60 and pixels[2, 1] == pytest.approx(40)
 
 
 def test_a_part_of_a_view_shows_the_same_from_its_own_corner():
@@ -33,26 +42,6 @@ def test_a_part_of_a_view_shows_the_same_from_its_own_corner():
     points = np.random.default_rng(0).uniform(-0.5, 0.5, (5, 3))
     np.testing.assert_allclose(part.project(points)[0], camera.project(points)[0] - [30, 10], atol=1e-9)
     assert (part.width, part.height) == (70, 50)
-
-
-@pytest.mark.parametrize("position", POSITIONS)
-def test_up_is_up_and_right_is_right(position):
-    camera = placed(position)
-    above, right = camera.project(np.stack([0.1 * UP, 0.1 * np.cross(camera.forward, UP)]))[0]
-    assert above[1] < 40
-    assert above[0] == pytest.approx(60)
-    assert right[0] > 60
-    assert right[1] == pytest.approx(40)
-
-
-@pytest.mark.parametrize("position", POSITIONS)
-def test_pose_is_rigid_and_gives_back_position_and_direction(position):
-    camera = placed(position)
-    np.testing.assert_allclose(camera.rotation @ camera.rotation.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(camera.rotation) == pytest.approx(1)
-    np.testing.assert_allclose(camera.centre, position, atol=1e-12)
-    np.testing.assert_allclose(camera.forward, -np.array(position) / np.linalg.norm(position), atol=1e-12)
-    np.testing.assert_allclose(camera.to_camera(camera.centre[None]), np.zeros((1, 3)), atol=1e-12)
 
 
 def test_look_at_refuses_what_has_no_answer():
@@ -64,16 +53,10 @@ def test_look_at_refuses_what_has_no_answer():
 
 def test_projection_by_hand():
     K = np.array([[100, 0, 30], [0, 200, 20], [0, 0, 1.0]])
-    camera = Camera(np.eye(4), K, 60, 40)
-    pixels, depths = camera.project(np.array([[0.5, -0.1, 2.0], [0.0, 0.0, 1.0]]))
-    np.testing.assert_allclose(pixels, [[55, 10], [30, 20]])
-    np.testing.assert_allclose(depths, [2, 1])
-
-
-def test_points_not_in_front_have_no_pixel():
-    pixels, depths = Camera(np.eye(4), intrinsics(1.0, 20, 20), 20, 20).project(np.array([[1, 1, -1], [1, 1, 0]]))
-    assert np.isnan(pixels).all()
-    np.testing.assert_array_equal(depths, [-1, 0])
+    points = np.array([[0.5, -0.1, 2.0], [0.0, 0.0, 1.0], [1, 1, -1], [1, 1, 0]])
+    pixels, depths = Camera(np.eye(4), K, 60, 40).project(points)
+    np.testing.assert_allclose(pixels, [[55, 10], [30, 20], [np.nan] * 2, [np.nan] * 2])
+    np.testing.assert_allclose(depths, [2, 1, -1, 0])
 
 
 def test_rays_pass_through_the_points_of_their_pixels():
@@ -101,17 +84,10 @@ def test_resized_sees_the_same(scale):
     camera = front_camera()
     resized = camera.resized(scale)
     assert (resized.width, resized.height) == (round(83 * scale), round(61 * scale))
+    assert (camera.resized(1e-3).width, camera.resized(1e-3).height) == (1, 1)
     ratio = np.array([resized.width / camera.width, resized.height / camera.height])
     points = SCENE_CENTRE + np.random.default_rng(0).uniform(-1, 1, (20, 3))
     np.testing.assert_allclose(resized.project(points)[0], camera.project(points)[0] * ratio)
-
-
-def test_resized_leaves_the_original_and_at_least_a_pixel():
-    camera = Camera(np.eye(4), intrinsics(1.0, 40, 20), 40, 20, "a.jpg")
-    before = camera.K.copy()
-    tiny = camera.resized(0.01)
-    assert (tiny.width, tiny.height, tiny.name) == (1, 1, "a.jpg")
-    np.testing.assert_array_equal(camera.K, before)
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-160, 1.0, 7.0, 1e160, 1e300])
@@ -126,8 +102,5 @@ def test_an_up_vector_of_any_length_is_brought_to_one(scale):
 def test_what_has_no_direction_is_no_up_vector(vector):
     with pytest.raises(InputError, match=r"^The up vector.* must be three finite numbers that are not all zero\.$"):
         unit_up(vector)
-
-
-def test_the_message_names_the_vector_as_the_caller_calls_it():
-    with pytest.raises(InputError, match=r"^'a.json': the up vector \[0.0, 0.0, 0.0\] must be"):
-        unit_up([0, 0, 0], "'a.json': the up vector")
+    with pytest.raises(InputError, match=r"^'a.json': the up vector"):
+        unit_up(vector, "'a.json': the up vector")

@@ -112,20 +112,15 @@ def test_refused_trims_and_views_are_shown_as_such():
     assert page.text_of("object-1").count("rejected: ") == 5
 
 
-def test_inputs_that_were_found_wrong_give_a_page_without_views(result):
+def test_what_there_is_nothing_of_is_said(result):
     wrong = toy.with_object(result, views=(), refused="The rows are in another order.")
     page = page_of(wrong)
-    check_stands_alone(page)
     assert "No views: the inputs were found wrong" in page.text_of("object-1")
     assert "Not trimmed: The rows are in another order." in page.all("p", role="alert")[0][1]
-
-
-def test_the_object_alone_has_no_scene_without_it():
     scene, truth = toy.ball_on_floor()
     ball = scene.select(truth)
-    everything = np.ones(len(ball), np.bool_)
-    page = page_of(toy.trim_by(toy.empty, ball, everything, config=toy.small_config()))
-    assert "Nothing is left" in page.text_of("scene")
+    alone = toy.trim_by(toy.empty, ball, np.ones(len(ball), np.bool_), config=toy.small_config())
+    assert "Nothing is left" in page_of(alone).text_of("scene")
 
 
 def test_the_whole_scene_is_shown_from_training_cameras(result):
@@ -145,24 +140,9 @@ def test_many_views_are_thinned_but_those_that_were_rejected_stay(result):
     assert "28 of 40 views are not shown." in page.text_of("object-1")
 
 
-@pytest.fixture
-def ball(tmp_path):
-    save_ball(tmp_path)
-    return tmp_path
-
-
-def test_the_command_writes_the_page_and_a_later_run_without_it_removes_it(ball, capsys):
-    command = ["trim", ball / "scene.ply", ball / "rough.npy", "--up", 0, 0, 1, *SMALL, "--output", ball / "out"]
-    assert run(*command, "--html") == 0
-    assert "report.html" in capsys.readouterr().out
-    page = Page((ball / "out" / "report.html").read_text(encoding="utf-8"))
-    assert page.all("h1")[0][1] == 'scene.ply, trimmed from "rough.npy"'
-    check_stands_alone(page)
-    assert run(*command, "--overwrite", "--quiet") == 0
-    assert not (ball / "out" / "report.html").exists()
-
-
-def test_several_objects_have_a_section_each(ball, capsys):
+def test_several_objects_have_a_section_each_and_a_later_run_without_the_page_removes_it(tmp_path, capsys):
+    ball = tmp_path
+    save_ball(ball)
     scene, truth = toy.ball_on_floor()
     floor = ~truth & (np.abs(scene.means[:, 0] - 2) < 0.6) & (np.abs(scene.means[:, 1] - 2) < 0.6)
     np.save(ball / "labels.npy", np.where(toy.dilated(scene, truth), 1, np.where(floor, 2, 0)))
@@ -182,3 +162,5 @@ def test_several_objects_have_a_section_each(ball, capsys):
         assert entry["file"] == f"object_{entry['id']}.ply" and (ball / "out" / entry["file"]).is_file()
     for layer in ("selection", "trimmed object", "scene", "scene without the object"):
         assert len(page.all("img", alt=f"view 0: {layer}")) == 2
+    assert run(*command, "--output", ball / "out", "--overwrite", "--quiet") == 0
+    assert not (ball / "out" / "report.html").exists()

@@ -80,24 +80,17 @@ class TestSubset:
         assert np.count_nonzero(found & truth) >= 0.98 * truth.sum()
         assert "by the nearest Gaussian" in notes[0]
 
-    def test_what_does_not_match_is_counted(self, tmp_path):
-        scene, truth = toy.ball_on_floor()
-        part = concatenate([scene.select(truth), toy.gaussians([[50, 50, 50], [60, 50, 50]], 0.1, toy.BLUE)])
-        notes = []
-        found = load_selection(save_ply(tmp_path / "part.ply", part), scene, say=notes.append)
-        assert np.array_equal(found, truth)
-        assert notes == ["part.ply: 2 match nothing"]
-
-    def test_children_of_split_gaussians_lead_to_their_parents(self, tmp_path):
+    def test_children_of_split_gaussians_lead_to_their_parents_and_what_does_not_match_is_counted(self, tmp_path):
         scene, truth = toy.ball_on_floor()
         part = scene.select(truth)
         part.means[:9] += np.float32([0.05, 0, 0])
         part.log_scales[:9, 0] -= np.float32(0.6)
         part.opacity_logits[:9] -= np.float32(0.5)
-        notes = []
-        found = load_selection(save_ply(tmp_path / "object.ply", part), scene, say=notes.append)
+        notes, far = [], toy.gaussians([[50, 50, 50], [60, 50, 50]], 0.1, toy.BLUE)
+        path = save_ply(tmp_path / "object.ply", concatenate([part, far]))
+        found = load_selection(path, scene, say=notes.append)
         assert np.count_nonzero(found ^ truth) <= 2
-        assert "9 as parts of split Gaussians" in notes[0]
+        assert notes == ["object.ply: 9 as parts of split Gaussians", "object.ply: 2 match nothing"]
 
 
 class TestMovedSubset:
@@ -176,18 +169,13 @@ class TestSimilarity:
         # Orthogonal features score (0 + 1) / 2.
         assert select(path, scene, query_row=2, threshold=0.49) == list(range(N))
 
-    def test_query_must_be_a_row(self, tmp_path):
+    def test_without_a_query_that_is_a_row_the_options_are_named(self, tmp_path):
         scene = make_scene(N, extras=identity_columns(list(self.IDS)))
+        path = save_ply(tmp_path / "scene.ply", scene)
         with pytest.raises(InputError, match=r"query row 12 has no features .* 0 to 11"):
-            select(save_ply(tmp_path / "scene.ply", scene), scene, query_row=12)
-
-    def test_without_query_the_options_are_named(self, tmp_path):
-        scene = make_scene(N, extras=identity_columns(list(self.IDS)))
+            select(path, scene, query_row=12)
         with pytest.raises(InputError, match=r"use --set selection\.classifier=VALUE or --set selection\.query-row="):
-            select(save_ply(tmp_path / "scene.ply", scene), scene)
-
-    def test_cut_out_of_a_scene_with_features_is_a_subset(self, tmp_path):
-        scene = make_scene(N, extras=identity_columns(list(self.IDS)))
+            select(path, scene)
         assert select(save_ply(tmp_path / "cut.ply", scene, [3, 8]), scene) == [3, 8]
 
 
