@@ -162,9 +162,13 @@ class Gaussians:
         """Opacities in (0, 1), (N,)."""
         return sigmoid(self.opacity_logits)
 
+    def factors(self) -> Float64Array:
+        """Factors R diag(s) of the covariances, whose columns are the axes, one deviation long, (N, 3, 3), float64."""
+        return rotation_matrices(self.quaternions) * np.exp(self.log_scales.astype(np.float64))[:, None, :]
+
     def covariances(self) -> Float64Array:
         """World covariances R diag(s^2) R^T, (N, 3, 3), in float64."""
-        factors = rotation_matrices(self.quaternions) * np.exp(self.log_scales.astype(np.float64))[:, None, :]
+        factors = self.factors()
         return factors @ factors.transpose(0, 2, 1)
 
     def select(self, rows: BoolArray | IntArray | slice) -> Gaussians:
@@ -296,8 +300,7 @@ def ellipsoid_points(gaussians: Gaussians) -> Float64Array:
     >>> ellipsoid_points(one)[0, 4:].round(6).tolist()
     [[-1.0, 0.0, 5.0], [0.0, -2.0, 5.0], [0.0, 0.0, 2.0]]
     """
-    axes = rotation_matrices(gaussians.quaternions) * np.exp(gaussians.log_scales.astype(np.float64))[:, None, :]
-    axes = np.swapaxes(axes, 1, 2)
+    axes = np.swapaxes(gaussians.factors(), 1, 2)
     return np.asarray(gaussians.means[:, None] + np.concatenate([np.zeros((len(axes), 1, 3)), axes, -axes], axis=1))
 
 

@@ -219,9 +219,7 @@ def _selection_lines(file: SelectionFile, facts: dict[str, Any]) -> Iterator[str
         yield from _gaussian_lines(checkpoint.gaussians, facts)
         if checkpoint.logits is not None:
             yield "selects the Gaussians with COB-GS's foreground probability above 0.9"
-        elif checkpoint.features is not None:
-            yield f"{checkpoint.features.shape[1]} identity features a Gaussian: {_FEATURES}"
-        else:
+        elif not file.has_features:
             yield "holds no selection"
         return
     if (classifier := classifier_of(file)) is not None:

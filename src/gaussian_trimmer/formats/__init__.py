@@ -19,7 +19,7 @@ from gaussian_trimmer.formats.identify import (
     written_suffix,
 )
 from gaussian_trimmer.gaussians import Gaussians, IntArray, check_gaussians, concatenate
-from gaussian_trimmer.geometry import limits
+from gaussian_trimmer.geometry.limits import check_values
 from gaussian_trimmer.io.reading import is_file, reading
 from gaussian_trimmer.lazy_import import load
 
@@ -29,7 +29,6 @@ _HOLD_NOTHING = (".ply", ".splat")
 """Formats that can hold zero Gaussians."""
 _EXACT = (".ply", ".glb")
 """Formats that round nothing."""
-_ROWS_AT_ONCE = 1 << 12
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what damaged numbers become is found by the check of values
@@ -68,23 +67,8 @@ def read(
     with reading(path):
         module = _module(".compressed.ply" if suffix == ".ply" else suffix)  # which reads both kinds
         gaussians: Gaussians = module.read(path, **choice)
-        check_values(gaussians, path)
+        check_values(gaussians, f"'{path}': ")
     return gaussians
-
-
-def check_values(gaussians: Gaussians, path: Path) -> None:
-    """Refuse values with which nothing can be computed: NaN, infinities, extreme magnitudes, lengths of zero.
-
-    Looks at a megabyte of rows at a time: of a PLY, the attributes are views of one table, whose rows interleave them.
-
-    Raises:
-        InputError: there is one; the message says in which attribute and row.
-    """
-    try:
-        for start in range(0, len(gaussians), _ROWS_AT_ONCE):
-            limits.check_values(gaussians.select(slice(start, start + _ROWS_AT_ONCE)))
-    except InputError:
-        limits.check_values(gaussians, f"'{path}': ")  # counts all of them
 
 
 def scene_files(path: Path, level: int | None = None) -> list[Path]:

@@ -36,22 +36,16 @@ class Checkpoint:
     """The Gaussians of a checkpoint, and what a segmentation method added to each."""
 
     gaussians: Gaussians
+    """With identity features of Gaussian Grouping or OmniSeg3D-GS as columns obj_dc_*."""
     iteration: int | None
     """Training iteration, where the file says it."""
     extra: NDArray[Any] | None
-    """Entry 7 of a 13-tuple, (N,), (N, 3) or (N, 1, D); None in a plain checkpoint."""
+    """Entry 7 of a 13-tuple, (N,) as COB-GS's foreground logits, (N, 3) or (N, 1, D); None in a plain checkpoint."""
 
     @property
     def logits(self) -> NDArray[Any] | None:
         """COB-GS's foreground logits, (N,), if that is what the method added."""
         return self.extra if self.extra is not None and self.extra.ndim == 1 else None
-
-    @property
-    def features(self) -> NDArray[Any] | None:
-        """Identity features of Gaussian Grouping or OmniSeg3D-GS, (N, D), if that is what the method added."""
-        if self.extra is None or self.extra.ndim != 3:
-            return None
-        return self.extra.reshape(len(self.extra), -1)
 
 
 def read(path: Path) -> Gaussians:
@@ -74,10 +68,7 @@ def read(path: Path) -> Gaussians:
             f"entries nor {', '.join(_GSPLAT_ENTRIES)} by name. Of other checkpoints, give the point_cloud.ply "
             "that the method wrote beside; a selection is given after its scene."
         )
-    found = parse_checkpoint(file)
-    if found.features is None:
-        return found.gaussians
-    return found.gaussians.replace(extras={f"obj_dc_{i}": column for i, column in enumerate(found.features.T)})
+    return parse_checkpoint(file).gaussians
 
 
 def is_checkpoint(value: Any) -> bool:
@@ -106,7 +97,11 @@ def parse_checkpoint(file: TorchFile) -> Checkpoint:
     extra = torch_files.as_array(file, tensors[6]) if len(tensors) > 6 else None
     if extra is not None and (extra.ndim == 0 or len(extra) != len(gaussians)):
         raise InputError(f"'{path}' has an entry of shape {extra.shape} at place 7; {len(gaussians)} rows are needed.")
-    return Checkpoint(gaussians, _iteration(file.value), extra)
+    if extra is not None and extra.ndim == 3:
+        features = extra.reshape(len(extra), -1).T
+        gaussians = gaussians.replace(extras={f"obj_dc_{i}": column for i, column in enumerate(features)})
+    iteration = file.value[1] if _with_iteration(file.value) else None
+    return Checkpoint(gaussians, iteration if isinstance(iteration, int) else None, extra)
 
 
 def _splats(value: Any) -> dict[str, Any] | None:
@@ -117,13 +112,13 @@ def _splats(value: Any) -> dict[str, Any] | None:
 
 
 def _state(value: Any) -> tuple[Any, ...] | None:
-    if isinstance(value, (tuple, list)) and len(value) == 2 and isinstance(value[0], (tuple, list)):
-        return tuple(value[0])
-    return tuple(value) if isinstance(value, (tuple, list)) else None
+    """Return the entries of Inria's checkpoint, which usually stands before its iteration."""
+    state = value[0] if _with_iteration(value) else value
+    return tuple(state) if isinstance(state, (tuple, list)) else None
 
 
-def _iteration(value: Any) -> int | None:
-    return value[1] if len(value) == 2 and isinstance(value[1], int) else None
+def _with_iteration(value: Any) -> bool:
+    return isinstance(value, (tuple, list)) and len(value) == 2 and isinstance(value[0], (tuple, list))
 
 
 def _read_splatfacto(path: Path) -> Gaussians:

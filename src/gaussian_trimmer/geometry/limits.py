@@ -25,28 +25,46 @@ _RANGES_BY_FIELD = {
 """Attribute -> least and largest value. Opacities may be exactly zero and one."""
 _SHORTEST_QUATERNION, _LONGEST_QUATERNION = 1e-12, 1e12
 """Lengths that can be squared."""
+_ROWS_AT_ONCE = 1 << 12
 
 
 def check_values(gaussians: Gaussians, where: str = "") -> None:
-    """Refuse Gaussians with which nothing can be computed.
+    """Refuse values with which nothing can be computed: NaN, infinities, extreme magnitudes, lengths of zero.
+
+    Looks at a megabyte of rows at a time: of a PLY, the attributes are views of one table, whose rows interleave them.
 
     Args:
         gaussians: any number of them.
         where: what the message begins with.
 
     Raises:
-        InputError: a value is NaN or out of its range, or a rotation has no direction; the message names the attribute
-            and the first row.
+        InputError: there is one; the message names the attribute and the first row, and counts all of them.
     """
+    for start in range(0, len(gaussians), _ROWS_AT_ONCE):
+        if _unsound(gaussians.select(slice(start, start + _ROWS_AT_ONCE))):
+            found = _unsound(gaussians)
+            assert found
+            name, sound, allowed = found
+            row = int(np.argmin(sound))
+            first = ", ".join(f"{value:.4g}" for value in np.atleast_1d(getattr(gaussians, name)[row]).ravel()[:4])
+            raise InputError(
+                f"{where}{np.count_nonzero(~sound):,} of {len(sound):,} Gaussians have {name} that cannot be used, the "
+                f"first in row {row} ({first}); {allowed} can be: remove such Gaussians, or scale the scene."
+            )
+
+
+@np.errstate(invalid="ignore", over="ignore")
+def _unsound(gaussians: Gaussians) -> tuple[str, BoolArray, str] | None:
+    """Return an attribute with values that cannot be used, which rows have others, (N,), and what can be used."""
     for name, (low, high) in _RANGES_BY_FIELD.items():
         values: FloatArray = getattr(gaussians, name).reshape(len(gaussians), -1)
-        if not _all_within(values, low, high):
+        if values.size and not (values.min() >= low and values.max() <= high):  # neither is true of NaN
             sound = np.asarray(((values >= low) & (values <= high)).all(axis=1))
-            raise _unsound(name, sound, values, f"finite values from {low:.3g} to {high:.3g}", where)
-    sound = has_direction(gaussians.quaternions)
-    if not sound.all():
-        allowed = f"lengths from {_SHORTEST_QUATERNION:g} to {_LONGEST_QUATERNION:g}"
-        raise _unsound("quaternions", sound, gaussians.quaternions, allowed, where)
+            return name, sound, f"finite values from {low:.3g} to {high:.3g}"
+    squares = np.einsum("ni,ni->n", gaussians.quaternions, gaussians.quaternions)
+    sound = np.asarray((squares >= _SHORTEST_QUATERNION**2) & (squares <= _LONGEST_QUATERNION**2))
+    allowed = f"lengths from {_SHORTEST_QUATERNION:g} to {_LONGEST_QUATERNION:g}"
+    return None if sound.all() else ("quaternions", sound, allowed)
 
 
 def check_magnitudes(scene: Gaussians) -> None:
@@ -95,13 +113,6 @@ def check_places(scene: Gaussians) -> None:
         raise InputError(f"The scene cannot be told apart: {lost}.")
 
 
-def has_direction(quaternions: FloatArray) -> BoolArray:
-    """Return the quaternions (N, 4) whose length leaves no doubt about their direction, (N,)."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        squares = np.einsum("ni,ni->n", quaternions, quaternions)
-    return np.asarray((squares >= _SHORTEST_QUATERNION**2) & (squares <= _LONGEST_QUATERNION**2))
-
-
 def check_size(radius: float) -> None:
     """Refuse an object whose size, in scene units, cannot be computed with.
 
@@ -113,22 +124,3 @@ def check_size(radius: float) -> None:
             f"The selected object is {2 * radius:.3g} units large, by where most of its Gaussians lie and how large "
             f"they are; {SMALLEST_SCENE:g} to {LARGEST:g} can be used: select others, or scale the scene."
         )
-
-
-def _all_within(values: FloatArray, low: float, high: float) -> bool:
-    """Return whether all values (N, K) are finite where the limits are, and between them; neither is true of NaN."""
-    if not values.size:
-        return True
-    with np.errstate(invalid="ignore", over="ignore"):
-        if low == -high and float(np.einsum("nk,nk->", values, values)) <= high**2:  # the fastest look at most scenes
-            return True
-        return bool(values.min() >= low and values.max() <= high)
-
-
-def _unsound(name: str, sound: BoolArray, values: FloatArray, allowed: str, where: str) -> InputError:
-    row = int(np.argmin(sound))
-    first = ", ".join(f"{value:.4g}" for value in values[row][:4])
-    return InputError(
-        f"{where}{np.count_nonzero(~sound):,} of {len(sound):,} Gaussians have {name} that cannot be used, the first "
-        f"in row {row} ({first}); {allowed} can be: remove such Gaussians, or scale the scene."
-    )

@@ -166,7 +166,7 @@ def _compress(
     With Sigma = F F' and the unit vector w = F' n / sigma_n, u = F w and the new factor is F (I - (1 - sqrt(v)) w w').
     Its singular values are the scales, to a relative accuracy that the eigenvalues of Sigma would not have.
     """
-    factors = rotation_matrices(gaussians.quaternions) * np.exp(gaussians.log_scales.astype(np.float64))[:, None, :]
+    factors = gaussians.factors()
     directions = np.einsum("nij,ni->nj", factors, normals)
     spreads = np.linalg.norm(directions, axis=1, keepdims=True)  # sigma_n, (M, 1)
     directions = np.divide(directions, spreads, out=np.zeros_like(directions), where=spreads > 0)

@@ -124,7 +124,7 @@ def select_checkpoint(file: SelectionFile, gaussians: Gaussians, options: Select
         raise InputError(
             f"'{name}' is not a checkpoint that holds a selection, as those of plain 3D Gaussian Splatting."
         )
-    if file.checkpoint.features is not None:
+    if file.has_features:
         raise InputError(
             f"'{name}' holds identity features; add {flag('classifier', 'classifier.pth')} and {flag('object_id')}, or "
             f"{flag('query_row')}."

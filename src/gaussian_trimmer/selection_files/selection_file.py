@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, clip_name
-from gaussian_trimmer.formats import FORMATS, check_values, torch_files
+from gaussian_trimmer.formats import FORMATS, torch_files
 from gaussian_trimmer.formats.checkpoints import Checkpoint, is_checkpoint, parse_checkpoint
 from gaussian_trimmer.formats.identify import SELECTION_SUFFIXES, TEXT_SUFFIXES, TORCH_SUFFIXES, identify
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
+from gaussian_trimmer.geometry.limits import check_values
 from gaussian_trimmer.io.reading import file_bytes, is_file, open_archive, read_json, reading
 from gaussian_trimmer.selection_files.row_matching import (
     Columns,
@@ -98,18 +99,20 @@ class SelectionFile:
     """What a user should know of how the file was understood."""
 
     @property
+    def _own_columns(self) -> Columns:
+        if self.columns is not None:
+            return self.columns
+        return {} if self.checkpoint is None else self.checkpoint.gaussians.extras
+
+    @property
     def has_features(self) -> bool:
         """Return whether the file's own Gaussians have identity features; cheaper than reading them."""
-        if self.columns is not None:
-            return has_identity_features(self.columns)
-        return self.checkpoint is not None and self.checkpoint.features is not None
+        return has_identity_features(self._own_columns)
 
     @property
     def features(self) -> FloatArray | None:
         """Identity features of the file's own Gaussians, (M, D), or None."""
-        if self.columns is not None:
-            return identity_features(self.columns)
-        return self.checkpoint.features if self.checkpoint is not None else None
+        return identity_features(self._own_columns)
 
     def scene_rows(self, gaussians: Gaussians) -> IntArray:
         """Scene row of each Gaussian of the file, (M,).
@@ -193,7 +196,7 @@ def _read_torch(path: Path) -> SelectionFile:
         return SelectionFile(path, {"": torch_files.as_array(file, value)})
     if is_checkpoint(value):
         checkpoint = parse_checkpoint(file)
-        check_values(checkpoint.gaussians, path)
+        check_values(checkpoint.gaussians, f"'{path}': ")
         return SelectionFile(path, checkpoint=checkpoint)
     if isinstance(value, dict):
         tensors = {str(name): entry for name, entry in value.items() if torch_files.is_tensor(entry)}
