@@ -42,24 +42,6 @@ def batch(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_a_batch_that_was_killed_is_completed(batch, tmp_path):
-    manifest, names, expected = batch
-    killed = start(manifest, tmp_path, "--workers", 2)
-    until(lambda: n_finished(tmp_path) >= 1)
-    workers = workers_of(killed)
-    assert len(workers) == 2
-    killed.kill()
-    end(killed)
-    until(lambda: not any(map(is_alive, workers)), 30)
-    finished = n_finished(tmp_path)
-    assert 1 <= finished < len(names)
-    code, out, err = run(manifest, tmp_path, "--workers", 2)
-    assert (code, err, fresh_of(out)) == (0, "", len(names) - finished)
-    assert contents(tmp_path) == expected
-    assert parts(tmp_path) == []
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_batch_leaves_nothing_half_written(batch, tmp_path, number):
     manifest, names, expected = batch

@@ -104,82 +104,81 @@ def test_what_cannot_be_used_is_found_before_the_first_trim(folder, capsys, argu
 def test_an_object_that_is_not_the_scenes_cannot_be_trimmed(folder, capsys):
     dataset_layouts.save_nvos(folder / "nvos", folder / "method")
     home = folder / "method" / "fern"
-    scene = formats.read(home / "scene.ply")
+    strange = formats.read(home / "scene.ply").select(slice(0, 50))
     (home / "selection.npy").unlink()
-    strange = scene.select(slice(0, 50)).replace(means=scene.means[50:100] * 3, sh_dc=scene.sh_dc[:50] + 5)
-    formats.write(strange, home / "object.ply")
+    formats.write(strange.replace(means=strange.means * 3 + 1, sh_dc=strange.sh_dc + 5), home / "object.ply")
     assert run("evaluate", "nvos", "nvos", "--predictions", "method", "--tasks", "fern", *SMALL) == 2
     assert "cannot start" in capsys.readouterr().err
 
 
-class TestProtocols:
-    def test_a_protocol_has_its_own_rule_and_threshold(self, folder, capsys):
-        dataset_layouts.save_nvos(folder / "nvos", folder / "SAGA")
-        arguments = ["--predictions", "SAGA", "--tasks", "fern", "--output", "out", "--protocol", "cob-gs"]
-        assert run("evaluate", "nvos", "nvos", *arguments, *SMALL) == 0
-        table = json.loads((folder / "out" / "nvos.json").read_text())
-        assert [row["rule"] for row in table["rows"]] == ["alone"]  # the one rule of occlusion of this protocol
-        assert "ZestfulJX/COB-GS" in capsys.readouterr().out
-        settings = json.loads((folder / "out" / "settings.json").read_text())
-        assert settings["protocol"] == "cob-gs" and settings["config"]["plan"]["views"] == 5
-        assert any("cob-gs" in note for note in settings["tables"]["nvos"]["notes"])  # beside the CSV, which has none
-
-    def test_views_are_rendered_at_the_protocols_size(self):
-        camera = Camera(np.eye(4), intrinsics(1.0, 40, 30), 40, 30, "a.jpg")
-        coverage = np.full((60, 80), 128 / 255, np.float32)
-        view = TestView(replace(camera, width=80, height=60), None, coverage, coverage > 0)
-        seen = LAYOUTS["nvos"].protocol("cob-gs").view(view, camera)
-        assert (seen.camera.width, seen.camera.height) == (1008, 756)
-        assert seen.camera.K[0, 0] == pytest.approx(camera.K[0, 0] * 1008 / 40)
-        assert not seen.coverage.any()  # 128 is not above 128
-        seen = LAYOUTS["lerf-mask"].protocol("gaussian-grouping").view(view, camera)
-        assert (seen.camera.width, seen.camera.height) == (40, 30)
-        assert LAYOUTS["nvos"].protocol("own").view(view, camera).camera.width == 80
+def test_a_protocol_has_its_own_rule_and_threshold(folder, capsys):
+    dataset_layouts.save_nvos(folder / "nvos", folder / "SAGA")
+    arguments = ["--predictions", "SAGA", "--tasks", "fern", "--output", "out", "--protocol", "cob-gs"]
+    assert run("evaluate", "nvos", "nvos", *arguments, *SMALL) == 0
+    table = json.loads((folder / "out" / "nvos.json").read_text())
+    assert [row["rule"] for row in table["rows"]] == ["alone"]  # the one rule of occlusion of this protocol
+    assert "ZestfulJX/COB-GS" in capsys.readouterr().out
+    settings = json.loads((folder / "out" / "settings.json").read_text())
+    assert settings["protocol"] == "cob-gs" and settings["config"]["plan"]["views"] == 5
+    assert any("cob-gs" in note for note in settings["tables"]["nvos"]["notes"])  # beside the CSV, which has none
 
 
-class TestIds:
-    @pytest.mark.needs("torch")
-    def test_one_classifier_serves_all_tasks_of_a_scene(self, folder, capsys):
-        import torch
+def test_views_are_rendered_at_the_protocols_size():
+    camera = Camera(np.eye(4), intrinsics(1.0, 40, 30), 40, 30, "a.jpg")
+    coverage = np.full((60, 80), 128 / 255, np.float32)
+    view = TestView(replace(camera, width=80, height=60), None, coverage, coverage > 0)
+    seen = LAYOUTS["nvos"].protocol("cob-gs").view(view, camera)
+    assert (seen.camera.width, seen.camera.height) == (1008, 756)
+    assert seen.camera.K[0, 0] == pytest.approx(camera.K[0, 0] * 1008 / 40)
+    assert not seen.coverage.any()  # 128 is not above 128
+    seen = LAYOUTS["lerf-mask"].protocol("gaussian-grouping").view(view, camera)
+    assert (seen.camera.width, seen.camera.height) == (40, 30)
+    assert LAYOUTS["nvos"].protocol("own").view(view, camera).camera.width == 80
 
-        dataset_layouts.save_lerf_mask(folder / "lerf", folder / "grouping")
-        home = folder / "grouping" / "figurines"
-        for name in ("red ball.npy", "ball's rim.npy"):
-            (home / name).unlink()
-        scene, truth = toy.ball_on_floor()
-        scene = scene.replace(extras=identity_columns(toy.dilated(scene, truth).astype(int).tolist()))
-        (home / "scene.ply").unlink()
-        place = home / "point_cloud" / "iteration_30000"
-        place.mkdir(parents=True)
-        save_ply(place / "point_cloud.ply", scene)
-        torch.save(classifier_state(8), place / "classifier.pth")
-        (folder / "ids.csv").write_text("task,id\nfigurines/red ball,1\nfigurines/ball's rim,1\n")
-        command = ("evaluate", "lerf-mask", "lerf", "--predictions", "grouping", *SMALL)
-        assert run(*command, "--ids", "ids.csv", "--output", "out") == 0
-        assert float(rows_of(folder / "out" / "lerf-mask-grouping.csv")["mean"]["IoU alone (%) after"]) > 90
-        (folder / "ids.csv").write_text("figurines/red ball,1\n")
-        assert run(*command, "--ids", "ids.csv") == 2
-        assert "no row of the task 'figurines/ball's rim'" in capsys.readouterr().err
-        (folder / "ids.csv").write_text("figurines/red ball,one\n")
-        assert run(*command, "--ids", "ids.csv") == 2
-        assert "'figurines/red ball' without ids" in capsys.readouterr().err
 
-    @pytest.mark.needs("torch")
-    def test_a_cob_gs_checkpoint_is_scene_and_selection(self, folder):
-        import torch
+@pytest.mark.needs("torch")
+def test_one_classifier_serves_all_tasks_of_a_scene(folder, capsys):
+    import torch
 
-        dataset_layouts.save_nvos(folder / "nvos", folder / "COB-GS")
-        home = folder / "COB-GS" / "fern"
-        scene, truth = toy.ball_on_floor()
-        (home / "selection.npy").unlink()
-        (home / "scene.ply").unlink()
-        logits = torch.where(torch.tensor(toy.dilated(scene, truth)), 4.0, -4.0)
-        (home / "masks" / "fern").mkdir(parents=True)
-        for iteration in (40, 220):
-            torch.save((checkpoint_state(scene, logits), iteration), home / "masks" / "fern" / f"chkpnt{iteration}.pth")
-        command = ("evaluate", "nvos", "nvos", "--predictions", "COB-GS", "--tasks", "fern", "--output", "out", *SMALL)
-        assert run(*command) == 0
-        assert float(rows_of(folder / "out" / "nvos-COB-GS.csv")["fern"]["IoU alone (%) after"]) > 90
+    dataset_layouts.save_lerf_mask(folder / "lerf", folder / "grouping")
+    home = folder / "grouping" / "figurines"
+    for name in ("red ball.npy", "ball's rim.npy"):
+        (home / name).unlink()
+    scene, truth = toy.ball_on_floor()
+    scene = scene.replace(extras=identity_columns(toy.dilated(scene, truth).astype(int).tolist()))
+    (home / "scene.ply").unlink()
+    place = home / "point_cloud" / "iteration_30000"
+    place.mkdir(parents=True)
+    save_ply(place / "point_cloud.ply", scene)
+    torch.save(classifier_state(8), place / "classifier.pth")
+    (folder / "ids.csv").write_text("task,id\nfigurines/red ball,1\nfigurines/ball's rim,1\n")
+    command = ("evaluate", "lerf-mask", "lerf", "--predictions", "grouping", *SMALL)
+    assert run(*command, "--ids", "ids.csv", "--output", "out") == 0
+    assert float(rows_of(folder / "out" / "lerf-mask-grouping.csv")["mean"]["IoU alone (%) after"]) > 90
+    (folder / "ids.csv").write_text("figurines/red ball,1\n")
+    assert run(*command, "--ids", "ids.csv") == 2
+    assert "no row of the task 'figurines/ball's rim'" in capsys.readouterr().err
+    (folder / "ids.csv").write_text("figurines/red ball,one\n")
+    assert run(*command, "--ids", "ids.csv") == 2
+    assert "'figurines/red ball' without ids" in capsys.readouterr().err
+
+
+@pytest.mark.needs("torch")
+def test_a_cob_gs_checkpoint_is_scene_and_selection(folder):
+    import torch
+
+    dataset_layouts.save_nvos(folder / "nvos", folder / "COB-GS")
+    home = folder / "COB-GS" / "fern"
+    scene, truth = toy.ball_on_floor()
+    (home / "selection.npy").unlink()
+    (home / "scene.ply").unlink()
+    logits = torch.where(torch.tensor(toy.dilated(scene, truth)), 4.0, -4.0)
+    (home / "masks" / "fern").mkdir(parents=True)
+    for iteration in (40, 220):
+        torch.save((checkpoint_state(scene, logits), iteration), home / "masks" / "fern" / f"chkpnt{iteration}.pth")
+    command = ("evaluate", "nvos", "nvos", "--predictions", "COB-GS", "--tasks", "fern", "--output", "out", *SMALL)
+    assert run(*command) == 0
+    assert float(rows_of(folder / "out" / "nvos-COB-GS.csv")["fern"]["IoU alone (%) after"]) > 90
 
 
 def test_lerf_ovs_has_polygons(folder, capsys):

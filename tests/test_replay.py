@@ -44,18 +44,11 @@ def test_several_objects_and_selections_of_marks_are_trimmed_again(ball, tmp_pat
     report = tmp_path / "first" / "report.json"
     assert run("trim", "--config", report, "--output", tmp_path / "again") == 0
     assert same(tmp_path / "first", tmp_path / "again", ("object_3.ply", "background.ply"))
-    assert (
-        run("trim", folder / "scene.ply", folder / "rough.npy", "--config", report, "--output", tmp_path / "one") == 0
-    )
+    other = ["trim", folder / "scene.ply", folder / "rough.npy", "--config", report]
+    assert run(*other, "--output", tmp_path / "one") == 0
     assert (tmp_path / "one" / "object.ply").is_file()
-    marks = [
-        "--view",
-        "0",
-        "--click",
-        *middle_of(folder),
-        "--subtract",
-        within(tmp_path / "a.npy", scene, (0, 0, 1.9), 0.2),
-    ]
+    top = within(tmp_path / "a.npy", scene, (0, 0, 1.9), 0.2)
+    marks = ["--view", "0", "--click", *middle_of(folder), "--subtract", top]
     selecting = ["select", folder / "scene.ply", "--cameras", folder / "cameras.json", *marks, *SMALL]
     assert run(*selecting, "--output", tmp_path / "marked.npy", "--trim", tmp_path / "selected") in (0, 3)
     assert run("trim", "--config", tmp_path / "selected" / "report.json", "--output", tmp_path / "more") in (0, 3)

@@ -36,26 +36,24 @@ def test_click_in_a_given_view(ball, tmp_path, capsys):
 
 def test_a_second_try_replaces_its_own_files_and_no_others(ball, tmp_path, capsys):
     folder, scene, truth = ball
-    middle = middle_of(folder)
     command = ["select", folder / "scene.ply", "--cameras", folder / "cameras.json", "--view", "0", "--quiet"]
-    files = ["--output", tmp_path / "a.npy", "--trim", tmp_path / "out", *SMALL, "--views", 3]
-    assert run(*command, "--click", *middle, *files) == 0
-    assert (
-        run(*command, "--click", *middle, "--intersect", within(tmp_path / "top.npy", scene, (0, 0, 1.6), 0.7), *files)
-        == 0
-    )
+    command += ["--click", *middle_of(folder), "--output"]
+    files = [tmp_path / "a.npy", "--trim", tmp_path / "out", *SMALL, "--views", 3]
+    assert run(*command, *files) == 0
+    assert run(*command, *files, "--intersect", within(tmp_path / "top.npy", scene, (0, 0, 1.6), 0.7)) == 0
     assert np.load(tmp_path / "a.npy").sum() < 0.6 * truth.sum()
     np.save(tmp_path / "a.npy", np.arange(3))  # somebody else's now
-    assert run(*command, "--click", *middle, "--output", tmp_path / "a.npy") == 2
-    assert "a.npy' exists" in capsys.readouterr().err
-    assert len(np.load(tmp_path / "a.npy")) == 3
     (tmp_path / "foreign").mkdir()
     (tmp_path / "foreign" / "notes.txt").write_text("mine")
-    assert run(*command, "--click", *middle, "--output", tmp_path / "b.npy", "--trim", tmp_path / "foreign") == 2
-    assert "is not empty" in capsys.readouterr().err
     before = (tmp_path / "out" / "manifest.json").read_bytes()
-    assert run(*command, "--click", *middle, "--output", tmp_path / "b.npy", "--trim", tmp_path / "out") == 2
-    assert "is not empty" in capsys.readouterr().err
+    for output, said in (
+        ([tmp_path / "a.npy"], "a.npy' exists"),
+        ([tmp_path / "b.npy", "--trim", tmp_path / "foreign"], "is not empty"),
+        ([tmp_path / "b.npy", "--trim", tmp_path / "out"], "is not empty"),
+    ):
+        assert run(*command, *output) == 2
+        assert said in capsys.readouterr().err
+    assert len(np.load(tmp_path / "a.npy")) == 3
     assert (tmp_path / "out" / "manifest.json").read_bytes() == before
 
 

@@ -13,7 +13,6 @@ from command_line import run
 
 import gaussian_trimmer
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.geometry.split import SPLIT_RULES
 from gaussian_trimmer.settings import Range, Vector, check_settings, from_plain, hints_of, to_plain
 from gaussian_trimmer.trimming.config import TrimConfig, paper_config
 
@@ -101,11 +100,6 @@ def test_settings_by_the_names_of_options():
             TrimConfig.of(wrong)
 
 
-def test_what_is_possible_passes():
-    check_settings(Outer(up=np.array([0.0, 0, 1]), ids=[0, np.int32(9)], free=object(), choice="two", on=False))
-    check_settings(Outer(inner_part=Inner(np.float32(1)), up=[0, 0, 1.0]))
-
-
 @pytest.mark.parametrize(
     "given", [Outer(), Outer(Path("z"), Inner(1, "n"), "two", False, (0, 0, 1), (3, 7)), TrimConfig(), paper_config()]
 )
@@ -135,10 +129,6 @@ def test_wrong_json_is_named_by_its_place(values, said):
     with pytest.raises(InputError) as caught:
         from_plain(values, Outer, "it")
     assert str(caught.value).startswith(said)
-
-
-def test_the_rules_of_splitting_are_those_that_exist():
-    assert get_args(hints_of(type(TrimConfig().split))["rule"]) == (*SPLIT_RULES, "none")
 
 
 @pytest.mark.parametrize(
