@@ -5,10 +5,8 @@ import importlib.util
 import re
 import shlex
 import shutil
-import sys
 import tomllib
 from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -77,28 +75,6 @@ def test_python_of_the_pages_runs_when_copied(page, copied):
         code = compile(block, f"{name(page)}, block {number + 1}", "exec")
         if page.name not in NOT_RUN:
             exec(code, copied)
-
-
-def test_arrays_of_trainers_become_the_scene(workplace, monkeypatch):
-    (block,) = [block for block in blocks(ROOT / "docs" / "python.md") if "def from_gsplat" in block]
-    joined = SimpleNamespace(cat=lambda tensors, dim: np.concatenate(tensors, axis=dim))
-    monkeypatch.setitem(sys.modules, "torch", joined)
-    scene = formats.read(workplace / "scene.ply")
-    given = {"gt": gt, "result": SimpleNamespace(object=scene)}
-    exec(block, given)
-    sh, linear = scene.to_arrays()["sh"], scene.to_arrays(activated=True)
-    splats = {
-        "means": scene.means, "quats": scene.quaternions, "sh0": sh[:, :1], "shN": sh[:, 1:],
-        "scales": scene.log_scales, "opacities": scene.opacity_logits,
-    }  # fmt: skip
-    model = SimpleNamespace(
-        get_xyz=scene.means, get_rotation=scene.quaternions, get_features=sh, get_scaling=linear["scales"],
-        get_opacity=linear["opacities"],
-    )  # fmt: skip
-    for read in (given["from_gsplat"](splats), given["from_inria"](model)):
-        np.testing.assert_allclose(read.log_scales, scene.log_scales, atol=1e-5)
-        np.testing.assert_allclose(read.opacity_logits, scene.opacity_logits, atol=1e-4)
-        np.testing.assert_array_equal(read.sh_rest, scene.sh_rest)
 
 
 def test_no_exception_is_left_over():

@@ -187,10 +187,10 @@ def test_without_onnx_runtime_the_extra_is_named(tmp_path, monkeypatch):
 
 def test_folders_without_a_model_are_refused(tmp_path):
     assert "nowhere' cannot be read" in refused(tmp_path / "nowhere")
-    assert "no .onnx or .ort file with 'encoder'" in refused(tmp_path)
+    assert "an encoder with that word in its name and a decoder; it holds none" in refused(tmp_path)
     save_tiny_sam(tmp_path, "sam")
     (tmp_path / "decoder.onnx").rename(tmp_path / "other.txt")
-    assert "'decoder'" in refused(tmp_path)
+    assert "it holds encoder.onnx" in refused(tmp_path)
 
 
 @pytest.mark.parametrize("content", [b"", b"no model", b"\x08\x08" + bytes(1000)])

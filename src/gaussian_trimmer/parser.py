@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from itertools import chain
 from types import MappingProxyType
-from typing import Any, Literal, NoReturn
+from typing import Any, NoReturn
 
 from gaussian_trimmer.cameras import AXIS, vector_of_up
 from gaussian_trimmer.errors import InputError, clip_name, did_you_mean
@@ -281,11 +281,6 @@ def up_vector(words: list[str], where: str) -> tuple[float, float, float]:
         return vector_of_up([float(number) for number in text.split(",")] if "," in text else text)
     except ValueError as error:  # also of what is no up vector
         raise InputError(f"{where} is '{clip_name(text.replace(',', ' '))}'; it must be {UP}.") from error
-
-
-def choice_of(names: Sequence[str]) -> Any:
-    """Return the type of a text that is one of these; a `kind` of options."""
-    return Literal[tuple(names)]
 
 
 class _Formatter(argparse.RawDescriptionHelpFormatter):

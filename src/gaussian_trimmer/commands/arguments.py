@@ -11,13 +11,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.output.engines import EngineName, Origin, PlacingOptions
-from gaussian_trimmer.parser import UP, Parser, choice_of
+from gaussian_trimmer.parser import UP, Parser
 from gaussian_trimmer.selecting.marks import Box, Click, Effect, FromFile, Grow, Mark, Shrink
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import Range, hints_of, with_settings
@@ -55,11 +55,6 @@ def add_scene(parser: Parser, **more: Any) -> None:
     parser.add_argument("scene", kind=Path, metavar="SCENE", help=scene, **more)
     group = parser.add_argument_group("the scene")
     group.add_argument("--cameras", kind=Path, help=CAMERAS)
-    add_reading(group)
-
-
-def add_reading(group: Any) -> None:
-    """Add which way is up in a scene, and how it is read."""
     group.add_argument("--up", kind=UP, help="Which way is up; by default found from the cameras or the ground")
     group.add_argument("--level", kind=int, metavar="N", help=LEVEL, rare=True)
     group.add_argument("--trust-paths", kind=bool, help=TRUST, rare=True)
@@ -70,14 +65,14 @@ def add_stages(group: Any, parser: Parser, *, rare: bool = False) -> None:
     from gaussian_trimmer.trimming.config import PlanConfig, TrimConfig
 
     preset = "Defaults of all settings: this program's, or the GaussianTrimmer paper's"
-    group.add_argument("--preset", kind=choice_of(("default", "paper")), default="default", help=preset, rare=rare)
+    group.add_argument("--preset", kind=Literal["default", "paper"], default="default", help=preset, rare=rare)
     views = "Number of virtual views, usually 5"
     group.add_argument("--views", kind=hints_of(PlanConfig)["views"], help=views, rare=rare)
     parser.add_settings(group, TrimConfig, selection=SelectionOptions)
 
 
-def add_method(parser: Parser, *, rare: bool = False) -> None:
-    """Add how an object is trimmed."""
+def add_trimming(parser: Parser, *, rare: bool = False) -> None:
+    """Add how an object is trimmed, and in which files it is written."""
     from gaussian_trimmer.trimming.config import TrimConfig
 
     group, config = parser.add_argument_group("how to trim"), hints_of(TrimConfig)
@@ -89,11 +84,6 @@ def add_method(parser: Parser, *, rare: bool = False) -> None:
     group.add_argument("--background", kind=config["background"], help=scene, rare=rare)
     stands = "What stands on the object goes with it"
     group.add_argument("--with-what-stands-on-it", kind=bool, help=stands, rare=True)
-
-
-def add_trimming(parser: Parser, *, rare: bool = False) -> None:
-    """Add how an object is trimmed, and in which files it is written."""
-    add_method(parser, rare=rare)
     group = parser.add_argument_group("files")
     ending = "Format of object and background; by default the scene's"
     group.add_argument("--format", metavar="ENDING", help=ending, rare=rare)

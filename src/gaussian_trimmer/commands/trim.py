@@ -269,11 +269,6 @@ def _demo(arguments: Namespace) -> int:
     own = ["--output", str(folder), *(["--overwrite"] if arguments.overwrite or arguments.output is None else [])]
     given = parser_of("trim").parse([*words, *own, *(["--quiet"] if arguments.quiet else [])])
     code = run(given)
-    console.print(
-        f"\nLook first at {folder / 'report.html'} in a browser: before and after, and what was done.\n"
-        f"{folder / 'before_after.png'}: selection, trimmed object and the scene without it, in one picture.\n"
-        f"{folder / 'object.ply'} and {folder / 'background.ply'}: for any splat viewer.\n"
-        f"{folder / 'views'}: where the outline was drawn. {folder / 'report.json'}: all numbers."
-    )
+    console.print(f"\nLook first at {folder / 'report.html'} in a browser: before and after, and what was done.")
     console.print(f"The same by hand:\n  {shlex.join([PROGRAM, 'trim', *words])}")
     return code

@@ -24,7 +24,7 @@ counts, and where they cut grey masks. So a figure can be compared with figures 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -186,29 +186,25 @@ def find_nvos(root: Path) -> list[Task]:
 
 def find_lerf_mask(root: Path) -> list[Task]:
     """Return the tasks of LERF-Mask; see `Layout.find_tasks`."""
-    tasks = []
-    for scene in folders_in(root):
-        found: dict[str, list[MaskedPicture]] = {}
+
+    def masks_of(scene: Path) -> Iterator[tuple[str, MaskedPicture]]:
         for folder in folders_in(scene / "test_mask"):
             picture = _picture_of(scene, folder)
-            for mask in pictures_in(folder):
-                found.setdefault(mask.stem, []).append(MaskedPicture(picture.stem, mask, picture))
-        tasks += _tasks_by_words(scene.name, found)
-    return tasks
+            yield from ((mask.stem, MaskedPicture(picture.stem, mask, picture)) for mask in pictures_in(folder))
+
+    return [task for scene in folders_in(root) for task in _tasks_by_words(scene.name, masks_of(scene))]
 
 
 def find_lerf_ovs(root: Path) -> list[Task]:
     """Return the tasks of LERF-OVS; see `Layout.find_tasks`."""
-    tasks = []
-    for folder in folders_in(root / "label"):
+
+    def masks_of(folder: Path) -> Iterator[tuple[str, MaskedPicture]]:
         images = {path.stem: path for path in pictures_in(root / folder.name / "images") or pictures_in(folder)}
-        found: dict[str, list[MaskedPicture]] = {}
         for file in sorted(folder.glob("*.json")):
-            for category in read_polygons(file)[1]:
-                picture = MaskedPicture(file.stem, file, images.get(file.stem), category)
-                found.setdefault(category, []).append(picture)
-        tasks += _tasks_by_words(folder.name, found)
-    return tasks
+            for words in read_polygons(file)[1]:
+                yield words, MaskedPicture(file.stem, file, images.get(file.stem), words)
+
+    return [task for folder in folders_in(root / "label") for task in _tasks_by_words(folder.name, masks_of(folder))]
 
 
 def pictures_in(folder: Path) -> list[Path]:
@@ -244,8 +240,11 @@ def camera_of(picture: MaskedPicture, cameras: Sequence[Camera], where: str) -> 
     return found[0]
 
 
-def _tasks_by_words(scene: str, found: dict[str, list[MaskedPicture]]) -> list[Task]:
-    return [Task(scene, words, tuple(pictures)) for words, pictures in sorted(found.items())]
+def _tasks_by_words(scene: str, masks: Iterable[tuple[str, MaskedPicture]]) -> list[Task]:
+    found: dict[str, tuple[MaskedPicture, ...]] = {}
+    for words, picture in masks:
+        found[words] = (*found.get(words, ()), picture)
+    return [Task(scene, words, pictures) for words, pictures in sorted(found.items())]
 
 
 def _picture_of(scene: Path, folder: Path) -> Path:

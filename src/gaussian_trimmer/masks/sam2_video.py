@@ -21,7 +21,7 @@ from gaussian_trimmer.views.view import HALF, View
 Tensor = Any  # torch is imported late, so its types have no name here.
 
 _OLDEST_TRANSFORMERS = (5, 6)  # 5.0 breaks off while tracking.
-_MODEL_TYPE, _MODEL_CLASS = "sam2_video", "Sam2VideoModel"
+_MODEL_TYPE = "sam2_video"
 _OBJECT_ID = 1
 
 
@@ -36,12 +36,12 @@ class Sam2Video:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._torch, transformers = _import_libraries()
+        self._torch, self._transformers = _import_libraries()
         cuda, metal = self._torch.cuda.is_available(), self._torch.backends.mps.is_available()
         self._device = self._torch.device("cuda" if cuda else "mps" if metal else "cpu")
         fast = cuda and self._torch.cuda.is_bf16_supported(including_emulation=False)
         self._dtype = self._torch.bfloat16 if fast else self._torch.float32
-        self.model = _load_model(transformers, folder, self._dtype).to(self._device)
+        self.model = _load_model(self._transformers, folder, self._dtype).to(self._device)
         self._side = int(self.model.config.prompt_encoder_config.image_size)
 
     def follow(self, views: Sequence[View]) -> list[FloatArray]:
@@ -64,10 +64,8 @@ class Sam2Video:
             return [self._resized(mask.float(), view.alpha.shape)[0, 0].cpu().numpy() for mask, view in pairs]
 
     def _open_session(self, views: Sequence[View]) -> Any:
-        module = import_module(type(self.model).__module__)
-        session_class = getattr(module, type(self.model).__name__.replace("Model", "InferenceSession"))
         height, width = views[0].alpha.shape
-        return session_class(
+        return self._transformers.Sam2VideoInferenceSession(
             video=self._torch.stack([self._pixels(view) for view in views]),
             video_height=height,
             video_width=width,
@@ -126,13 +124,13 @@ def _load_model(transformers: Any, folder: Path, dtype: Any) -> Any:
         kind = str(configuration.get("model_type", "none"))
         if kind != _MODEL_TYPE:
             raise InputError(f"The model '{source}' is of type '{kind}'; {_MODEL_TYPE} is needed.")
-        model_class = getattr(transformers, _MODEL_CLASS)
-        model, report = model_class.from_pretrained(source, dtype=dtype, use_safetensors=True, output_loading_info=True)
+        options = {"dtype": dtype, "use_safetensors": True, "output_loading_info": True}
+        model, report = transformers.Sam2VideoModel.from_pretrained(source, **options)
     except InputError:
         raise
     except ImportError as error:
         raise InputError(
-            f"Transformers cannot import {_MODEL_CLASS} ({error.__cause__ or error}); if the cause is a torchvision "
+            f"Transformers cannot import Sam2VideoModel ({error.__cause__ or error}); if the cause is a torchvision "
             "that was made for another PyTorch, install the one that matches, or none."
         ) from error
     except (OSError, ValueError, RuntimeError, import_module("safetensors").SafetensorError) as error:
@@ -144,5 +142,5 @@ def _load_model(transformers: Any, folder: Path, dtype: Any) -> Any:
     if report["missing_keys"]:
         # Transformers would fill these with random numbers.
         missing = len(report["missing_keys"])
-        raise InputError(f"The model '{source}' lacks {missing} of the weights of {_MODEL_CLASS}; download it anew.")
+        raise InputError(f"The model '{source}' lacks {missing} of the weights of Sam2VideoModel; download it anew.")
     return model.eval()

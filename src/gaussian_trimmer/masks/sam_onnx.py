@@ -187,7 +187,7 @@ class OnnxSam:
 
 
 def _find_files(folder: Path) -> tuple[Path, Path]:
-    """Return encoder and decoder in a folder; their names tell which is which.
+    """Return encoder and decoder in a folder.
 
     Raises:
         InputError: the folder cannot be read, or does not have one of each.
@@ -196,24 +196,14 @@ def _find_files(folder: Path) -> tuple[Path, Path]:
         files = [file for file in sorted(folder.iterdir()) if file.suffix in (".onnx", ".ort") and is_file(file)]
     except (OSError, ValueError) as error:
         raise InputError(f"The folder '{folder}' cannot be read ({_first_line(error)}); {_WHERE}.") from error
-    decoders = [file for file in files if "decoder" in file.name.lower()]
-    encoders = [file for file in files if "encoder" in file.name.lower() and file not in decoders]
-    rest = [file for file in files if file not in decoders and file not in encoders]
-    if encoders and not decoders and len(rest) == 1:  # the original export script names decoders after checkpoints
-        decoders = rest
-    return _one_of(encoders, "encoder", folder), _one_of(decoders, "decoder", folder)
-
-
-def _one_of(files: Sequence[Path], role: str, folder: Path) -> Path:
-    if not files:
+    encoders = [file for file in files if "encoder" in file.name.lower()]
+    decoders = [file for file in files if file not in encoders]  # the original export names them after checkpoints
+    if not len(encoders) == len(decoders) == 1:
         raise InputError(
-            f"The folder '{folder}' has no .onnx or .ort file with '{role}' in its name; a SAM model is an encoder "
-            f"and a decoder. {_WHERE[0].upper()}{_WHERE[1:]}."
+            f"The folder '{folder}' must hold two .onnx or .ort files, an encoder with that word in its name and a "
+            f"decoder; it holds {', '.join(file.name for file in files) or 'none'}. {_WHERE[0].upper()}{_WHERE[1:]}."
         )
-    if len(files) > 1:
-        names = ", ".join(file.name for file in files)
-        raise InputError(f"The folder '{folder}' has several {role}s ({names}); leave one.")
-    return files[0]
+    return encoders[0], decoders[0]
 
 
 def _sampled(image: FloatArray, columns: Float64Array, rows: Float64Array) -> FloatArray:
