@@ -9,11 +9,11 @@ import pytest
 import toy
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.geometry.compiling import CACHE
+from gaussian_trimmer.parallel import keeps_kernels
 
 
 def test_kernels_are_kept_here():
-    assert CACHE
+    assert keeps_kernels()
 
 
 @pytest.mark.parametrize("threads", ["0", "-2", "many"])
@@ -34,10 +34,10 @@ def test_a_number_of_threads_that_is_none_is_one_sentence(threads, tmp_path):
 )
 def test_without_a_folder_for_kernels_they_are_compiled_in_every_process():
     code = (
-        "from gaussian_trimmer.geometry.compiling import CACHE\n"
+        "from gaussian_trimmer.parallel import keeps_kernels\n"
         "from gaussian_trimmer.geometry.graphs import connected_points\n"
         "import numpy as np\n"
-        "print(CACHE, connected_points(np.diag([0.0, 1, 5]), 2.0).tolist())"
+        "print(keeps_kernels(), connected_points(np.diag([0.0, 1, 5]), 2.0).tolist())"
     )
     environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     environment["NUMBA_CACHE_LOCATOR_CLASSES"] = "UserProvidedCacheLocator"
@@ -50,8 +50,8 @@ def test_kernels_that_do_not_fit_on_the_disk_are_used_all_the_same(tmp_path):
     pytest.importorskip("resource", reason="needs limits on the size of files")
     code = (
         "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"
-        "import numba\nfrom gaussian_trimmer.geometry.compiling import CACHE\nfrom elsewhere.more import more\n"
-        "made = [numba.njit(cache=CACHE)(f)(1) for f in (lambda x: x + 1, more)]\nprint(CACHE, made)"
+        "from gaussian_trimmer.parallel import compiled, keeps_kernels\nfrom elsewhere.more import more\n"
+        "made = [compiled()(f)(1) for f in (lambda x: x + 1, more)]\nprint(keeps_kernels(), made)"
     )
     (tmp_path / "code.py").write_text(code)
     (tmp_path / "elsewhere").mkdir()  # another folder to keep kernels in

@@ -1,11 +1,13 @@
-"""Threads: shares of one loop, and whole pieces of work such as views.
+"""Kernels and threads: shares of one loop, and whole pieces of work such as views.
 
 Kernels are plain loops over a share of the work, called from Python threads; they release the interpreter's lock. Loops
-that Numba makes parallel take three times as long to compile, and may abort where two threads enter them at once.
+that Numba makes parallel take three times as long to compile, and may abort where two threads enter them at once. What
+is compiled is kept on disk where Numba finds a folder that it may write to, and that has room.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 from collections import deque
@@ -75,6 +77,41 @@ def parallel_map(work: Callable[..., Made], *items: Iterable[Any]) -> Iterator[M
             yield found.popleft().result()
     finally:
         wait([unwanted for unwanted in found if not unwanted.cancel()])  # nothing goes on after an exception
+
+
+def compiled(**options: Any) -> Any:
+    """Return the decorator that compiles a kernel by options of `numba.njit`, and keeps it where that can be."""
+    return _numba().njit(cache=keeps_kernels(), **options)
+
+
+@cache
+def keeps_kernels() -> bool:
+    """Whether Numba keeps compiled kernels on disk; they are compiled in every process where it cannot.
+
+    It refuses the decorator where no folder for them is writable. Kernels that cannot be kept, say because the disk is
+    full, are used all the same: that is said once, and keeping them given up.
+    """
+    from numba.core.caching import FunctionCache
+
+    save: Callable[..., None] = FunctionCache.save_overload
+
+    def save_where_possible(kept: Any, signature: Any, kernel: Any) -> None:
+        try:
+            save(kept, signature, kernel)
+        except OSError as error:
+            FunctionCache.save_overload = lambda *_: None  # type: ignore[method-assign, unused-ignore]
+            logging.getLogger(__name__).warning(
+                "Compiled kernels cannot be kept in '%s': %s. Every run compiles them again until that is mended.",
+                kept.cache_path,
+                error.strerror or str(error),
+            )
+
+    FunctionCache.save_overload = save_where_possible  # type: ignore[method-assign, unused-ignore]
+    try:
+        _numba().njit(cache=True)(save_where_possible)
+    except RuntimeError:
+        return False
+    return True
 
 
 def _numba() -> Any:

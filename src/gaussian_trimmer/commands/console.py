@@ -158,10 +158,10 @@ def refuse_existing(path: Path, *, inputs: Iterable[Path] = (), overwrite: bool)
 
 def announce_compiling(console: Console) -> None:
     """Say that kernels are compiled first, and begin with it, unless an earlier run has left them on disk."""
-    from gaussian_trimmer.geometry.compiling import CACHE
+    from gaussian_trimmer.parallel import keeps_kernels
     from gaussian_trimmer.rendering.numba_kernels import blend_tiles
 
-    if not CACHE:
+    if not keeps_kernels():
         console.print(_COMPILING_AGAIN)
     elif not any(Path(str(blend_tiles.stats.cache_path)).glob("numba_kernels.blend_tiles-*.nbi")):
         from gaussian_trimmer.rendering.gradients import start_compiling

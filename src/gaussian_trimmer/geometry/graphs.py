@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
-from gaussian_trimmer.geometry.compiling import CACHE
+from gaussian_trimmer.parallel import compiled
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-_jit = numba.njit(cache=CACHE, nogil=True)
+_jit = compiled(nogil=True)
 _WIDER = 4
 """Factor by which more neighbours are asked for where the last one ties with the next."""
 _CELLS_ACROSS = 32

@@ -10,10 +10,9 @@ quadratic form loses the needles to cancellation in float32.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
-from gaussian_trimmer.geometry.compiling import CACHE
+from gaussian_trimmer.parallel import compiled
 from gaussian_trimmer.rendering.blending import ALPHA_CAP, ALPHA_CUTOFF, TRANSMITTANCE_STOP
 from gaussian_trimmer.rendering.projection_kernels import TILE, _jit
 
@@ -34,7 +33,7 @@ _E4, _E5 = np.float32(0.0382472937), np.float32(0.00505843309)
 _QUARTER = np.float32(0.25)  # Turns the factor of q in exp(-q / 2) into that of q / 16 in exp(-8 (q / 16)).
 
 
-@numba.njit(cache=CACHE, inline="always")
+@compiled(inline="always")
 def _falloff(q):  # type: ignore[no-untyped-def]
     """Return exp(-8 q) of q >= 0 by a polynomial of exp(-q), squared three times."""
     q = min(q, _ONE)
@@ -44,7 +43,7 @@ def _falloff(q):  # type: ignore[no-untyped-def]
     return e * e
 
 
-@numba.njit(cache=CACHE, inline="always")
+@compiled(inline="always")
 def _weight_and_light(full, before):  # type: ignore[no-untyped-def]
     """Blend weight of a Gaussian at a pixel, and the light behind it, less than zero where blending has stopped."""
     alpha = min(full, _CAP)
@@ -55,7 +54,7 @@ def _weight_and_light(full, before):  # type: ignore[no-untyped-def]
     return (weight if goes_on else _ZERO), (after if goes_on else -abs(before))
 
 
-@numba.njit(cache=CACHE, inline="always")
+@compiled(inline="always")
 def _lets_light_through(transmittance):  # type: ignore[no-untyped-def]
     """Tell whether blending goes on at any pixel of a tile."""
     light = _ZERO
@@ -151,7 +150,7 @@ def blend_tiles(splats, values, tiles, labels, image, pairs, jobs):  # type: ign
             image[n_values, top + p // TILE, left + p % TILE] = _ONE - abs(transmittance[p])
 
 
-@numba.njit(cache=CACHE, inline="always")
+@compiled(inline="always")
 def _four_sums(batch, mark):  # type: ignore[no-untyped-def]
     """Return sums of the four rows of `batch` (4, p), each weighted by `mark` (p,)."""
     a, b, c, d = _ZERO, _ZERO, _ZERO, _ZERO
@@ -164,7 +163,7 @@ def _four_sums(batch, mark):  # type: ignore[no-untyped-def]
     return a, b, c, d
 
 
-@numba.njit(cache=CACHE, inline="always")
+@compiled(inline="always")
 def _interleave(job, n):  # type: ignore[no-untyped-def]
     stride = 61 if n % 61 else (59 if n % 59 else 1)
     return (job * stride) % n

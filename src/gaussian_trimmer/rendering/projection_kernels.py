@@ -9,13 +9,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, IntArray
-from gaussian_trimmer.geometry.compiling import CACHE
 from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE
+from gaussian_trimmer.parallel import compiled
 from gaussian_trimmer.rendering.blending import ALPHA_CUTOFF, LARGEST_SPREAD, LARGEST_VALUE, LOW_PASS_VARIANCE
 
 TILE = 16
@@ -23,7 +22,7 @@ TILE = 16
 _CANCELLED_SHARE = 1e-8
 """Determinant, as a share of the product of the variances, below which their difference has lost it."""
 
-_jit = numba.njit(cache=CACHE, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy", nogil=True)
+_jit = compiled(fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy", nogil=True)
 
 
 class Ellipsoids(NamedTuple):
@@ -155,7 +154,7 @@ def project(ellipsoids, sh_dc, sh_rest, pinhole, splats, colours, drawn):  # typ
         colours[i, 3] = depth
 
 
-@numba.njit(cache=CACHE, inline="always")
+@compiled(inline="always")
 def _radiance(dc, rest, x, y, z):  # type: ignore[no-untyped-def]
     """Return real spherical harmonics of degree 0 to 3 in direction (x, y, z), with the signs of the 3DGS files."""
     k = rest.shape[0]
@@ -177,7 +176,7 @@ def _radiance(dc, rest, x, y, z):  # type: ignore[no-untyped-def]
     return value
 
 
-@numba.njit(cache=CACHE, inline="always")
+@compiled(inline="always")
 def _columns_reached(splat, start, end):  # type: ignore[no-untyped-def]
     """Return first and one past the last column of tiles, of those from `start` to `end`, that the ellipse touches.
 
@@ -192,7 +191,7 @@ def _columns_reached(splat, start, end):  # type: ignore[no-untyped-def]
     return first, last
 
 
-@numba.njit(cache=CACHE, inline="always")
+@compiled(inline="always")
 def _rows_reached(splat, left, height):  # type: ignore[no-untyped-def]
     """Return first and one past the last row of pixels that the ellipse reaches within the tiles from column `left` on.
 

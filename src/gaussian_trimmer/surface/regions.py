@@ -13,17 +13,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numba
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
-from gaussian_trimmer.geometry.compiling import CACHE
 from gaussian_trimmer.geometry.graphs import connected_pairs
+from gaussian_trimmer.parallel import compiled
 from gaussian_trimmer.surface.room_surfaces import Room
 from gaussian_trimmer.surface.surface_estimates import COLOURS, blurred_histograms
 from gaussian_trimmer.surface.visible_surface import VisibleSurface
 
-_jit = numba.njit(cache=CACHE, nogil=True)
+_jit = compiled(nogil=True)
 MIN_AREA = 0.01
 """Smallest area of a thing, in square units."""
 _MIN_FOOT = 1e-4
