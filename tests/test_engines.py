@@ -125,21 +125,17 @@ def test_each_object_stands_at_the_origin_and_poses_say_where_in_the_scene(ball,
     assert abs(np.quantile(theirs.means[:, 1], 0.99)) < 0.05  # up is -y
 
 
-def test_convert_turns_for_an_engine(ball, tmp_path, capsys):
+def test_convert_turns_for_an_engine_and_calls_nothing_upright_by_a_guess(ball, tmp_path, capsys):
     scene = formats.read(ball / "scene.ply")
     assert run("convert", ball / "scene.ply", tmp_path / "a.ply", "--for", "unreal", "--up", "z", "--scale", "2") == 0
     found = formats.read(tmp_path / "a.ply")
     shift = -found.means[:, 1] - 2 * scene.means[:, 2]
     np.testing.assert_allclose(shift, shift[0], atol=1e-4)
-    assert run("convert", ball / "scene.ply", tmp_path / "a.sog", "--for", "unreal") == 2
-    assert "unreal reads .ply" in capsys.readouterr().err
-
-
-def test_nothing_is_called_upright_by_a_guess(tmp_path, capsys):
-    formats.write(random_scene(0).select(np.arange(20)), tmp_path / "a.ply")
-    assert run("convert", tmp_path / "a.ply", tmp_path / "b.ply", "--for", "unity") == 2
-    assert "--up" in capsys.readouterr().err and not (tmp_path / "b.ply").exists()
-    assert run("convert", tmp_path / "a.ply", tmp_path / "b.ply", "--scale", "2") == 0
+    formats.write(random_scene(0).select(np.arange(20)), tmp_path / "guess.ply")
+    for source, target, said in (("a.ply", "b.sog", "unreal reads .ply"), ("guess.ply", "b.ply", "--up")):
+        assert run("convert", tmp_path / source, tmp_path / target, "--for", "unreal") == 2
+        assert said in capsys.readouterr().err and not (tmp_path / target).exists()
+    assert run("convert", tmp_path / "guess.ply", tmp_path / "b.ply", "--scale", "2") == 0
 
 
 @pytest.mark.parametrize(("target", "lost"), [("b.splat", "colour"), ("b.ply", "1 ")])
