@@ -17,10 +17,10 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits
 from gaussian_trimmer.app import page as controls
 from gaussian_trimmer.app.display import shown_rows
-from gaussian_trimmer.app.files import ALL_FILES, DOWNLOADS, OBJECT, WITHOUT
+from gaussian_trimmer.app.files import ALL_FILES, DOWNLOADS, OBJECT
 from gaussian_trimmer.app.page import Gesture
 from gaussian_trimmer.app.showing import Event, Showing
-from gaussian_trimmer.app.viewpoints import doubts, framed
+from gaussian_trimmer.app.viewpoints import doubts
 from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.gaussians import quaternions_of
 from gaussian_trimmer.selecting.marks import Box3D, Sphere
@@ -260,15 +260,6 @@ def test_the_ghost_stops_no_trim_that_follows(app):
     act(app.show_ghost, None, on=False)
 
 
-def test_the_scene_without_the_object_is_one_button_away(app):
-    mark(app, BALL)
-    act(app.show_part, WITHOUT)
-    assert app.session.now.object.fresh is not None
-    assert app.panels.showing == Showing("Scene without it", "Cut-out", "Own")
-    act(app.show_part, "Everything")
-    assert app.panels.showing == Showing("Everything", "Cut-out", "Objects")
-
-
 def test_two_states_are_compared_while_a_key_is_held(app):
     panels, presenter, view = app.panels, app.jobs.presenter, tab(app)
     mark(app, BALL)
@@ -355,18 +346,6 @@ def test_what_is_doubtful_is_looked_at_one_after_the_other(app, looked):
     for (eye, target), (_, away) in zip(looked, found, strict=False):
         seen = np.subtract(eye, target)
         assert seen @ away > 0.95 * np.linalg.norm(seen) * np.linalg.norm(away)
-
-
-def test_what_reaches_towards_the_eye_stays_in_the_picture():
-    """A bar along the view, whose near end is seen larger than its far end."""
-    camera = toy.camera_at((0, -9, 4))
-    points = np.random.default_rng(0).uniform((-0.5, -0.5, -3), (0.5, 0.5, 3), (2000, 3)) @ camera.rotation
-    rod = toy.gaussians(points, [0.05] * 3, (1, 1, 1))
-    eye, target = framed(rod, camera)
-    away = look_at(np.array(eye), np.array(target), toy.UP)
-    pixels, depths = replace(camera, world_to_camera=away).project(rod.means.astype(np.float64))
-    assert (depths > 0).all() and (pixels > 0.07 * 200).all() and (pixels < 0.89 * 200).all()
-    assert np.allclose(pixels.mean(axis=0), (100, 92), atol=5)
 
 
 def test_a_click_or_a_box_where_nothing_stands_marks_what_is_there(running, wall):

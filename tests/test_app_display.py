@@ -42,6 +42,14 @@ def session(tmp_path_factory):
 
 
 @pytest.fixture
+def first(session):
+    """The session with the first object, which was cut out, as the active one."""
+    session.do(edits.activate, 1, joined=True)
+    yield session
+    session.do(edits.activate, 2, joined=True)
+
+
+@pytest.fixture
 def painter(session):
     return Painter(session.document.scene, 10**6)
 
@@ -144,46 +152,37 @@ def test_colours_are_those_that_the_eye_sees(session):
     assert abs(left - right) > 0.1
 
 
-def test_changes_have_their_colours(session, painter):
-    session.do(edits.activate, 1, joined=True)
-    try:
-        now = session.now
-        result = now.object.fresh
-        added, removed, cut, relit = changed_rows(now.object)
-        assert np.array_equal(removed, result.selection & ~result.object_mask) and removed.any()
-        shown = painter.paint(now, Showing("Object", "Cut-out", "Changes"))
-        plain = painter.paint(now, Showing("Object", "Cut-out", "Own"))
-        assert len(shown) == len(plain) + (removed & ~cut).sum()  # what was removed is seen, too
-        red = shown.colours[removed[np.maximum(shown.rows, 0)]]
-        assert (red[:, 0] > red[:, 2] + 0.2).all()
-        without = painter.paint(now, Showing("Scene without it", "Cut-out", "Changes"))
-        made_up = without.colours[without.rows == -1]
-        assert len(made_up) == result.count(RowLabel.FILLED)
-        assert (made_up[:, 2] < made_up[:, 0]).all()  # yellow
-        assert not added.any() or (added & result.object_mask).any()
-        assert relit.sum() == result.count(RowLabel.RELIT)
-    finally:
-        session.do(edits.activate, 2, joined=True)
+def test_changes_have_their_colours(first, painter):
+    now = first.now
+    result = now.object.fresh
+    added, removed, cut, relit = changed_rows(now.object)
+    assert np.array_equal(removed, result.selection & ~result.object_mask) and removed.any()
+    shown = painter.paint(now, Showing("Object", "Cut-out", "Changes"))
+    plain = painter.paint(now, Showing("Object", "Cut-out", "Own"))
+    assert len(shown) == len(plain) + (removed & ~cut).sum()  # what was removed is seen, too
+    red = shown.colours[removed[np.maximum(shown.rows, 0)]]
+    assert (red[:, 0] > red[:, 2] + 0.2).all()
+    without = painter.paint(now, Showing("Scene without it", "Cut-out", "Changes"))
+    made_up = without.colours[without.rows == -1]
+    assert len(made_up) == result.count(RowLabel.FILLED)
+    assert (made_up[:, 2] < made_up[:, 0]).all()  # yellow
+    assert not added.any() or (added & result.object_mask).any()
+    assert relit.sum() == result.count(RowLabel.RELIT)
 
 
-def test_after_further_marks_the_cut_out_is_seen_with_them_and_changes_are_theirs(session, painter):
-    session.do(edits.activate, 1, joined=True)
-    before, changes = session.now.object.mask, Showing("Object", "Cut-out", "Changes")
-    top = Sphere((0.0, 0.0, 2.0), 0.5, effect="remove")
-    session.do(edits.mark, top)
-    stale = session.now.object
-    try:
-        inside = np.linalg.norm(session.document.scene.means - np.array(top.centre), axis=1) <= top.radius
-        assert stale.fresh is None and np.array_equal(stale.mask, before & ~inside)
-        assert np.array_equal(changed_rows(stale)[1], before & inside)
-        assert shown_rows(session.now, changes)[before & inside].all()  # until it is cut out again
-        session.do(edits.trim_object, TrimChoices(), joined=True, again=True)
-        fresh = session.now.object
-        assert np.array_equal(changed_rows(fresh)[1], before & ~fresh.mask)
-        assert not shown_rows(session.now, changes)[before & inside].all()
-    finally:
-        session.undo()
-        session.do(edits.activate, 2, joined=True)
+def test_after_further_marks_the_cut_out_is_seen_with_them_and_changes_are_theirs(first):
+    before, changes = first.now.object.mask, Showing("Object", "Cut-out", "Changes")
+    first.do(edits.mark, toy.TOP)
+    stale = first.now.object
+    inside = np.linalg.norm(first.document.scene.means - np.array(toy.TOP.centre), axis=1) <= toy.TOP.radius
+    assert stale.fresh is None and np.array_equal(stale.mask, before & ~inside)
+    assert np.array_equal(changed_rows(stale)[1], before & inside)
+    assert shown_rows(first.now, changes)[before & inside].all()  # until it is cut out again
+    first.do(edits.trim_object, TrimChoices(), joined=True, again=True)
+    fresh = first.now.object
+    assert np.array_equal(changed_rows(fresh)[1], before & ~fresh.mask)
+    assert not shown_rows(first.now, changes)[before & inside].all()
+    first.undo()
 
 
 def test_the_frame_makes_any_scene_a_few_units_large():
