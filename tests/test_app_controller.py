@@ -19,8 +19,7 @@ from gaussian_trimmer.app import page as controls
 from gaussian_trimmer.app.display import shown_rows
 from gaussian_trimmer.app.files import ALL_FILES, DOWNLOADS, OBJECT
 from gaussian_trimmer.app.page import Gesture
-from gaussian_trimmer.app.showing import Event, Showing
-from gaussian_trimmer.app.viewpoints import doubts
+from gaussian_trimmer.app.viewpoints import Event, Showing, doubts
 from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.gaussians import quaternions_of
 from gaussian_trimmer.selecting.marks import Box3D, Sphere

@@ -11,9 +11,8 @@ import toy
 from gaussian_trimmer.app import edits
 from gaussian_trimmer.app.display import Painter, changed_rows, shown_rows, thinned
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.showing import Showing
 from gaussian_trimmer.app.snapshots import Document, Snapshot, TrimChoices
-from gaussian_trimmer.app.viewpoints import Frame, before_what_shows, points_at, viewpoint_of
+from gaussian_trimmer.app.viewpoints import Frame, Showing, before_what_shows, points_at, viewpoint_of
 from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import write

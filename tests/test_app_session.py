@@ -19,14 +19,15 @@ import gaussian_trimmer as gt
 from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits
 from gaussian_trimmer.app.files import save
-from gaussian_trimmer.app.project import (
+from gaussian_trimmer.app.session import (
+    Cancelled,
+    Session,
     is_project,
     project_as_json,
     read_project,
     restore,
     write_private,
 )
-from gaussian_trimmer.app.session import Cancelled, Session
 from gaussian_trimmer.app.snapshots import PALETTE, TrimChoices
 from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.errors import InputError, OutputExistsError

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from gaussian_trimmer.app.showing import (
+from gaussian_trimmer.app.viewpoints import (
     COLOURINGS,
     PARTS,
     WHENS,

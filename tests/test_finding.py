@@ -14,7 +14,7 @@ from command_line import run
 import gaussian_trimmer as gt
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
-from gaussian_trimmer.finding.judging import FindConfig
+from gaussian_trimmer.finding.found import FindConfig
 from gaussian_trimmer.finding.saving import draw_plan
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.surface.room_surfaces import find_room

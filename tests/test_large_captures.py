@@ -10,10 +10,9 @@ import toy
 
 from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.finding import find, looking
-from gaussian_trimmer.finding.agreement import Candidate, choose_objects
+from gaussian_trimmer.finding import find
 from gaussian_trimmer.finding.found import FoundObject
-from gaussian_trimmer.finding.tiles import TallThings, plan_tiles, tile_counts
+from gaussian_trimmer.finding.tiles import Candidate, TallThings, choose_objects, plan_tiles, tile_counts
 from gaussian_trimmer.gaussians import concatenate, mask_of_rows
 from gaussian_trimmer.geometry.storey import Storey, find_storey
 from gaussian_trimmer.rendering import render
@@ -195,7 +194,7 @@ def test_a_click_takes_a_tall_thing_with_its_upper_part():
     scene, part = room.scene_of(room.floor(), ceiling(2.6), *furniture()[:1], lamp)
     middle = np.array([1, 0.85, 0.4])
     seen = (np.linalg.norm(scene.means - middle, axis=1) < 0.1).astype(np.float32)
-    [thing, *_] = looking.ThingsAtPoints(scene, UP).at(middle, seen)
+    [thing, *_] = find.ThingsAtPoints(scene, UP).at(middle, seen)
     assert toy.jaccard(mask_of_rows(thing, len(scene)), part == 3) > 0.8
 
 
@@ -221,7 +220,7 @@ def clicks(monkeypatch):
     """Clicks in a furnished room that counts as a large capture: the scene, its parts, and what understands them."""
     scene, part = room.scene_of(room.floor(), ceiling(2.6), *furniture())
     monkeypatch.setattr(interpretation, "LARGEST_LOOK", 1000)
-    monkeypatch.setattr(looking, "tile_counts", lambda shown: (0, 8000, 5000))
+    monkeypatch.setattr(find, "tile_counts", lambda shown: (0, 8000, 5000))
     view = Viewpoint(toy.camera_at((1, -2.2, 1.8), (1, 1, 0.4), 240))
     return scene, part, interpretation.MarkInterpreter(scene, Marks((), (0.0, 0.0, 1.0))), Click(120, 120, view)
 

@@ -22,7 +22,7 @@ from gaussian_trimmer.selecting.marks import (
     Sphere,
     write_marks,
 )
-from gaussian_trimmer.selecting.reading import read_selection_result
+from gaussian_trimmer.selecting.selection import read_selection_result
 from gaussian_trimmer.selecting.shapes import grown, shrunk
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.views.virtual_cameras import PlanConfig, plan_cameras

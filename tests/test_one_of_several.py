@@ -14,8 +14,7 @@ from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import TrimChoices
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.selecting.marks import Sphere
-from gaussian_trimmer.selecting.reading import read_selection_result
-from gaussian_trimmer.selecting.selection import Selection
+from gaussian_trimmer.selecting.selection import Selection, read_selection_result
 from gaussian_trimmer.trimming.config import RefineConfig, SplitConfig
 
 pytestmark = pytest.mark.usefixtures("one_thread")

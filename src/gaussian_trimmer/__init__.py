@@ -29,8 +29,8 @@ if TYPE_CHECKING:  # `typing` takes longer to import than all that is imported h
     from gaussian_trimmer.output.saving import save
     from gaussian_trimmer.selecting import marks
     from gaussian_trimmer.selecting.marks import read_marks
-    from gaussian_trimmer.selecting.reading import read_selection
     from gaussian_trimmer.selecting.select import select
+    from gaussian_trimmer.selecting.selection import read_selection
     from gaussian_trimmer.trimming.config import TrimConfig
     from gaussian_trimmer.trimming.result import TrimResult
     from gaussian_trimmer.trimming.trim import trim, trim_objects
@@ -71,7 +71,7 @@ _LATE = {
     "read": "gaussian_trimmer.formats:read",
     "read_cameras": "gaussian_trimmer.camera_files:read_camera_set",
     "read_marks": "gaussian_trimmer.selecting.marks:read_marks",
-    "read_selection": "gaussian_trimmer.selecting.reading:read_selection",
+    "read_selection": "gaussian_trimmer.selecting.selection:read_selection",
     "save": "gaussian_trimmer.output.saving:save",
     "select": "gaussian_trimmer.selecting.select:select",
     "trim": "gaussian_trimmer.trimming.trim:trim",

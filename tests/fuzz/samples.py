@@ -22,8 +22,7 @@ from test_streamed_sog import PLAYBOT, streamed
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits
-from gaussian_trimmer.app.project import project_as_json, read_project, restore
-from gaussian_trimmer.app.session import Session
+from gaussian_trimmer.app.session import Session, project_as_json, read_project, restore
 from gaussian_trimmer.camera_files import read_camera_set, read_cameras_of
 from gaussian_trimmer.cameras import Camera, Viewpoint, intrinsics
 from gaussian_trimmer.commands.info import describe_file

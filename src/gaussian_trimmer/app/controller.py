@@ -15,10 +15,9 @@ import numpy as np
 from gaussian_trimmer.app import edits, files, page
 from gaussian_trimmer.app.jobs import STAGES_OF_A_TRIM, Jobs
 from gaussian_trimmer.app.page import Action
-from gaussian_trimmer.app.project import is_project
-from gaussian_trimmer.app.showing import PARTS, Event
+from gaussian_trimmer.app.session import is_project
 from gaussian_trimmer.app.tools import Tools
-from gaussian_trimmer.app.viewpoints import doubts, first_look, framed
+from gaussian_trimmer.app.viewpoints import PARTS, Event, doubts, first_look, framed
 from gaussian_trimmer.cameras import Point, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify

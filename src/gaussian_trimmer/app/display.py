@@ -8,9 +8,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.app.showing import Part, Showing
 from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
-from gaussian_trimmer.app.viewpoints import Frame
+from gaussian_trimmer.app.viewpoints import Frame, Part, Showing
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.rendering.blending import view_colours

@@ -13,7 +13,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.app.project import (
+from gaussian_trimmer.app.session import (
+    Session,
     autosave_path,
     is_project,
     project_as_json,
@@ -21,7 +22,6 @@ from gaussian_trimmer.app.project import (
     restore,
     write_private,
 )
-from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import Document, MarkedObject, Progress, Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.folders import atomic_folder

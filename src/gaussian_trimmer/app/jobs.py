@@ -20,9 +20,8 @@ from gaussian_trimmer.app.files import DOWNLOADS, Files
 from gaussian_trimmer.app.page import BACKDROPS, PROGRAM_ENDED, REPLACE, WELCOME, Page, Panels
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Cancelled, Session
-from gaussian_trimmer.app.showing import Event, Showing, compared, due_after, showing_after
 from gaussian_trimmer.app.snapshots import Progress
-from gaussian_trimmer.app.viewpoints import Frame
+from gaussian_trimmer.app.viewpoints import Event, Frame, Showing, compared, due_after, showing_after
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError, OutputExistsError
 

@@ -18,9 +18,8 @@ import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.edits import describe_up
-from gaussian_trimmer.app.showing import COLOURINGS, PARTS, WHENS, Showing
 from gaussian_trimmer.app.snapshots import Colour, Snapshot, TrimChoices
-from gaussian_trimmer.app.viewpoints import Place
+from gaussian_trimmer.app.viewpoints import COLOURINGS, PARTS, WHENS, Place, Showing
 from gaussian_trimmer.cameras import Point, point_of
 from gaussian_trimmer.io.writing import safe_file_name
 from gaussian_trimmer.output.engines import ENGINES, EngineName

@@ -21,7 +21,7 @@ from urllib.parse import urlsplit
 from gaussian_trimmer import sample
 from gaussian_trimmer.app.controller import Controller
 from gaussian_trimmer.app.jobs import Jobs
-from gaussian_trimmer.app.project import private_folder, state_folder, write_private
+from gaussian_trimmer.app.session import private_folder, state_folder, write_private
 from gaussian_trimmer.errors import InputError
 
 if TYPE_CHECKING:

@@ -296,4 +296,4 @@ class Snapshot:
 @lru_cache(maxsize=1)
 def _interpreter(document: Document, basis: Marks) -> MarkInterpreter:
     """Return what understands marks; in a large capture, what it has found out about floors is kept for the next."""
-    return MarkInterpreter(document.scene, basis, cameras=document.cameras)
+    return MarkInterpreter(document.scene, basis, document.cameras)

@@ -13,8 +13,7 @@ from gaussian_trimmer.app import edits, page
 from gaussian_trimmer.app.display import markable_rows, shown_rows
 from gaussian_trimmer.app.jobs import Jobs
 from gaussian_trimmer.app.page import Gesture
-from gaussian_trimmer.app.showing import Event
-from gaussian_trimmer.app.viewpoints import Place, before_what_shows, pixel_at, points_at
+from gaussian_trimmer.app.viewpoints import Event, Place, before_what_shows, pixel_at, points_at
 from gaussian_trimmer.cameras import Point, Viewpoint, point_of, up_frame
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians, mask_of_rows

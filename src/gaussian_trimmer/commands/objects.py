@@ -18,8 +18,7 @@ from gaussian_trimmer.commands.manifest import FOUND_OBJECTS, write_table
 from gaussian_trimmer.commands.trim_run import add_results, read_scene, scene_name, trim_into, words_again
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
-from gaussian_trimmer.finding.found import FoundObjects, chosen_objects
-from gaussian_trimmer.finding.judging import FindConfig
+from gaussian_trimmer.finding.found import FindConfig, FoundObjects, chosen_objects
 from gaussian_trimmer.finding.saving import FOUND_FILES, write_found
 from gaussian_trimmer.io.folders import atomic_folder, is_made_of
 from gaussian_trimmer.io.writing import safe_file_name

@@ -32,7 +32,7 @@ from gaussian_trimmer.io.writing import npy_bytes, write_whole
 from gaussian_trimmer.output.pictures import as_picture, with_grid, write_picture
 from gaussian_trimmer.parser import PROGRAM, Parser
 from gaussian_trimmer.rendering import render
-from gaussian_trimmer.selecting.lifting import lift_id_masks
+from gaussian_trimmer.selecting.lifting import lift_folder
 from gaussian_trimmer.selecting.marks import FromMasks, Marks, read_marks
 from gaussian_trimmer.selecting.select import resolve_views, select
 from gaussian_trimmer.selecting.selection import Selection
@@ -118,7 +118,7 @@ def _select(arguments: Namespace, path: Path, console: Console) -> Selected:
     """Make the selection and save it; return it, and what it was made from."""
     scene, cameras = read_scene(arguments, console)
     if arguments.object_ids:
-        labels, n_masks = lift_id_masks(scene, cameras, arguments.masks, arguments.gamma)
+        labels, n_masks = lift_folder(scene, cameras, arguments.masks, arguments.gamma, ids=True)
         if not labels.any():
             raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
         write_whole(path, npy_bytes(labels))

@@ -40,10 +40,9 @@ from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
 from gaussian_trimmer.io.reading import read_json
 from gaussian_trimmer.parser import PROGRAM, Parser
-from gaussian_trimmer.selecting.lifting import lift_id_masks
-from gaussian_trimmer.selecting.reading import read_selection, read_selection_result
+from gaussian_trimmer.selecting.lifting import lift_folder
 from gaussian_trimmer.selecting.select import with_query_row
-from gaussian_trimmer.selecting.selection import Selection
+from gaussian_trimmer.selecting.selection import Selection, read_selection, read_selection_result
 from gaussian_trimmer.selection_files import load_objects
 from gaussian_trimmer.selection_files.kinds import is_trimmed
 from gaussian_trimmer.selection_files.selection_file import open_selection
@@ -231,7 +230,7 @@ def _labelled(arguments: Namespace, scene: Gaussians, cameras: CameraSet | None)
     path, wanted = arguments.labels, arguments.objects
     if not path.is_dir():
         return load_objects(path, scene, wanted, selection_options_of(arguments))
-    labels, _ = lift_id_masks(scene, cameras, path)
+    labels, _ = lift_folder(scene, cameras, path, ids=True)
     present = [int(number) for number in np.unique(labels) if number > 0]
     if absent := sorted(set(wanted) - set(present)):
         raise InputError(f"The masks in '{path}' show no object {absent[0]}; they show {present[:24]}.")

@@ -26,8 +26,7 @@ from gaussian_trimmer.gaussians import (
 from gaussian_trimmer.geometry.graphs import connected_bodies
 from gaussian_trimmer.output.pictures import zoomed
 from gaussian_trimmer.rendering import render
-from gaussian_trimmer.selecting.corrections import correct_at_click
-from gaussian_trimmer.selecting.segment_in_box import fills, segment_in_box
+from gaussian_trimmer.selecting.graph_cuts import correct_at_click, fills, segment_in_box
 from gaussian_trimmer.selecting.segment_on_plane import REACH, pieces_on_plane, windows_around
 from gaussian_trimmer.selecting.selection import Seed
 from gaussian_trimmer.surface.viewed_scene import Target, ViewedScene, check_pixel, look_at_pixel, shown_weights

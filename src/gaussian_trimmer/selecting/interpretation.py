@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet, Point, Viewpoint
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.finding.find import ThingsAtPoints
 from gaussian_trimmer.finding.tiles import LARGEST_LOOK
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, mask_of_rows
 from gaussian_trimmer.geometry.storey import find_storey
-from gaussian_trimmer.masks.mask_files import cameras_with_masks, mask_of
 from gaussian_trimmer.selecting.clicks import (
     pieces_at_click,
     seen_alone,
@@ -24,8 +23,8 @@ from gaussian_trimmer.selecting.clicks import (
     select_by_click,
     select_by_colour,
 )
-from gaussian_trimmer.selecting.corrections import correct_at_click, expected_radius, is_meant_whole
-from gaussian_trimmer.selecting.lifting import lift_by_assignment
+from gaussian_trimmer.selecting.graph_cuts import correct_at_click, expected_radius, is_meant_whole
+from gaussian_trimmer.selecting.lifting import lift_folder
 from gaussian_trimmer.selecting.marks import (
     Box,
     Box3D,
@@ -49,9 +48,6 @@ from gaussian_trimmer.surface.viewed_scene import Target, ViewedScene, look_at_p
 from gaussian_trimmer.trimming.stroke_cuts import StrokeCut
 from gaussian_trimmer.views.view import HALF
 
-if TYPE_CHECKING:
-    from gaussian_trimmer.finding.looking import ThingsAtPoints
-
 _BOX_TAKES_ALL = 0.9
 """A box that would remove more than this share of the selection means only what is selected within its sides."""
 INTERPRETATIONS = {
@@ -70,13 +66,7 @@ INTERPRETATIONS = {
 class MarkInterpreter:
     """Understands marks one at a time: what `select` does for a whole list, without beginning anew at each mark."""
 
-    def __init__(
-        self,
-        scene: Gaussians,
-        marks: Marks,
-        *,
-        cameras: CameraSet | None = None,
-    ) -> None:
+    def __init__(self, scene: Gaussians, marks: Marks, cameras: CameraSet | None = None) -> None:
         """Take the up vector, and the places of the photographs, from a list of resolved marks.
 
         Args:
@@ -88,8 +78,6 @@ class MarkInterpreter:
         self._seen_from = tuple(_camera_at(place) for place in marks.photographed_from)
         self._things: ThingsAtPoints | None = None
         if len(scene) > LARGEST_LOOK or find_storey(scene, self._up).is_room:
-            from gaussian_trimmer.finding.looking import ThingsAtPoints  # takes a second to import
-
             self._things = ThingsAtPoints(scene, self._up)
 
     def apply(self, before: Selection, mark: Mark) -> Selection:
@@ -136,7 +124,7 @@ class MarkInterpreter:
                 found = load_selection(mark.path, self._scene, mark.options, notes.append)
                 return state.combined(found, mark.effect), "; ".join(notes)
             case FromMasks():
-                found, n = self._lifted(mark)
+                found, n = lift_folder(self._scene, self._cameras, mark.folder, mark.gamma)
                 return state.combined(found, mark.effect), f"{n} masks"
             case Grow():
                 mask = grown(means, state.mask, mark.spacings)
@@ -208,21 +196,8 @@ class MarkInterpreter:
         drawn, rows = drawn_part(self._scene, view)
         return ViewedScene(drawn, view.camera, self._up, self._seen_from), rows
 
-    def _lifted(self, mark: FromMasks) -> tuple[BoolArray, int]:
-        """Return the selection (N,) by a folder of masks, and their number."""
-        if self._cameras is None:
-            raise InputError("Masks need the cameras of their pictures.")
-        posed = cameras_with_masks(self._cameras.pinhole_cameras(), mark.folder)
-        masks = [mask_of(camera, mark.folder) for camera in posed]
-        return lift_by_assignment(self._scene, posed, masks, mark.gamma), len(posed)
 
-
-def apply_marks(
-    scene: Gaussians,
-    marks: Marks,
-    *,
-    cameras: CameraSet | None,
-) -> Selection:
+def apply_marks(scene: Gaussians, marks: Marks, cameras: CameraSet | None) -> Selection:
     """Return what resolved marks select together.
 
     Raises:
@@ -237,7 +212,7 @@ def apply_marks(
         )
     if cameras is None and marks.cameras is not None and any(isinstance(mark, FromMasks) for mark in marks.marks):
         cameras = read_camera_set(marks.cameras)
-    interpreter = MarkInterpreter(scene, marks, cameras=cameras)
+    interpreter = MarkInterpreter(scene, marks, cameras)
     state = Selection.nothing(len(scene))
     for mark in marks.marks:
         state = interpreter.apply(state, mark)

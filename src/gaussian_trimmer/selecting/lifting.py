@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
-from gaussian_trimmer.masks.mask_files import cameras_with_masks, ids_of
+from gaussian_trimmer.masks.mask_files import cameras_with_masks, ids_of, mask_of
 from gaussian_trimmer.rendering.tile_renderer import label_weights
 from gaussian_trimmer.selection_files.method_kinds import assign_labels
 from gaussian_trimmer.views.view import HALF_COVERAGE
@@ -42,7 +42,11 @@ def lift_by_assignment(
     Raises:
         InputError: the masks are empty, or as `lift_objects_by_assignment`.
     """
-    labels = [mask.astype(np.uint8) for mask in _binary_masks(cameras, masks)]
+    binary = [mask if mask.dtype == np.bool_ else np.asarray(mask > HALF_COVERAGE) for mask in masks]
+    if masks and not any(mask.any() for mask in binary):
+        largest = max(float(mask.max(initial=0)) for mask in masks)
+        raise InputError(f"The masks are empty: their largest value is {largest:g}, and the object's must exceed 127.")
+    labels = [mask.astype(np.uint8) for mask in binary]
     return np.asarray(lift_objects_by_assignment(gaussians, cameras, labels, gamma) == 1)
 
 
@@ -86,17 +90,21 @@ def lift_objects_by_assignment(
     return assign_labels(len(gaussians), numbers, weights_of, gamma)
 
 
-def lift_id_masks(gaussians: Gaussians, cameras: CameraSet | None, folder: Path, gamma: float = 0.0) -> tuple[Ids, int]:
-    """Return the number of each Gaussian's object (N,) by a folder of masks of ids, and how many masks it has.
+def lift_folder(
+    gaussians: Gaussians, cameras: CameraSet | None, folder: Path, gamma: float = 0.0, *, ids: bool = False
+) -> tuple[NDArray[Any], int]:
+    """Return what a folder of masks selects or, of masks with ids, the number of each object, (N,); and how many masks.
 
     Raises:
-        InputError: there are no cameras, a mask cannot be read, or as `lift_objects_by_assignment`.
+        InputError: there are no cameras, a mask cannot be read, or as `lift_by_assignment`.
     """
     if cameras is None:
-        raise InputError("Masks with ids need the cameras of their pictures: --cameras PATH.")
+        raise InputError("Masks need the cameras of their pictures: --cameras PATH.")
     posed = cameras_with_masks(cameras.pinhole_cameras(), folder)
-    images = [ids_of(camera, folder) for camera in posed]
-    return lift_objects_by_assignment(gaussians, posed, images, gamma), len(posed)
+    if ids:
+        images = [ids_of(camera, folder) for camera in posed]
+        return lift_objects_by_assignment(gaussians, posed, images, gamma), len(posed)
+    return lift_by_assignment(gaussians, posed, [mask_of(camera, folder) for camera in posed], gamma), len(posed)
 
 
 def _places(image: Ids, numbers: Ids) -> LabelArray:
@@ -114,15 +122,6 @@ def sum_label_weights(
     for of_view in label_weights(gaussians, cameras, labels, n_labels):
         weights += of_view
     return weights
-
-
-def _binary_masks(cameras: Sequence[Camera], masks: Sequence[NDArray[Any]]) -> list[BoolArray]:
-    _check_sizes(cameras, masks)
-    binary = [mask if mask.dtype == np.bool_ else np.asarray(mask > HALF_COVERAGE) for mask in masks]
-    if not any(mask.any() for mask in binary):
-        largest = max(float(mask.max(initial=0)) for mask in masks)
-        raise InputError(f"The masks are empty: their largest value is {largest:g}, and the object's must exceed 127.")
-    return binary
 
 
 def _check_sizes(cameras: Sequence[Camera], images: Sequence[NDArray[Any]]) -> None:

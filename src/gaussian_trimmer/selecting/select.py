@@ -50,7 +50,7 @@ def select(
         marks = read_marks(marks)
     if not isinstance(marks, Marks):
         marks = resolve_views(scene, marks, cameras=cameras, up=up, views=views)
-    return apply_marks(scene, marks, cameras=cameras)
+    return apply_marks(scene, marks, cameras)
 
 
 def resolve_views(
