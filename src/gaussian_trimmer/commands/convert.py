@@ -13,6 +13,7 @@ from gaussian_trimmer.commands.arguments import LEVEL, add_placing, placing_of
 from gaussian_trimmer.commands.console import add_printing, console_of, print_json, print_up, refuse_existing
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
+from gaussian_trimmer.formats.packing import morton_order
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.parser import UP, Parser
@@ -55,31 +56,27 @@ def run(arguments: Namespace) -> None:
             versions.
     """
     source, target, placing = identify(arguments.source).scene, arguments.target, placing_of(arguments)
-    is_spz, notes, placed = formats.is_named(target.name, ".spz"), list[str](), dict[str, Any]()
     refuse_existing(target, inputs=[source], overwrite=arguments.overwrite)
     placing.check_target(target)
+    suffix, placed = formats.target_suffix(target), dict[str, Any]()
     if arguments.up is not None and not placing.needs_up:
         raise InputError("--up is for --for and --origin; without them the axes stay.")
-    if arguments.spz_version != _SPZ_VERSION and not is_spz:
+    if arguments.spz_version != _SPZ_VERSION and suffix != ".spz":
         raise InputError(f"'{target}' is not an .spz file; leave --spz-version out, or give it that ending.")
     console = console_of(arguments)
-
-    def change(gaussians: Gaussians) -> Gaussians:
-        lost = formats.losses(gaussians, formats.format_suffix(target), formats.written_suffix(source))
-        notes.extend(filter(None, [lost]))
-        if not placing.wished:
-            return gaussians
+    gaussians = formats.read(arguments.source, level=arguments.level, say=console.print)
+    notes = list(filter(None, [formats.losses(gaussians, suffix, formats.written_suffix(source))]))
+    if placing.wished:
         up = _found_up(arguments, gaussians, console) if placing.needs_up else DEFAULT_UP
         place = placing.placement(gaussians, up)
-        placed.update(place.as_json())
+        gaussians, placed = place.apply(gaussians), place.as_json()
         if place.origin.any():
             at = " ".join(f"{value:.4g}" for value in place.origin)
             notes.append(f"The origin is {at} of the scene; with --origin scene it stays.")
-        return place.apply(gaussians)
-
-    options: dict[str, Any] = {"version": arguments.spz_version} if is_spz else {}
-    options |= {"level": arguments.level, "say": console.print, "sort": arguments.sort, "change": change}
-    count = len(formats.convert(arguments.source, target, **options))
+    if arguments.sort:
+        gaussians = gaussians.select(morton_order(gaussians.means))
+    formats.write(gaussians, target, **({"version": arguments.spz_version} if suffix == ".spz" else {}))
+    count = len(gaussians)
     read = formats.scene_files(source, arguments.level)
     before, after = (sum(path.stat().st_size for path in paths) for paths in (read, [target]))
     console.print(f"{target}: {count:,} Gaussians, {after / 1e6:.1f} MB instead of {before / 1e6:.1f} MB")

@@ -23,7 +23,17 @@ from gaussian_trimmer.geometry.limits import check_values
 from gaussian_trimmer.io.reading import is_file, reading
 from gaussian_trimmer.lazy_import import load
 
-__all__ = ["FORMATS", "READ_ONLY", "convert", "format_suffix", "is_named", "read", "write", "written_suffix"]
+__all__ = [
+    "FORMATS",
+    "READ_ONLY",
+    "convert",
+    "format_suffix",
+    "is_named",
+    "read",
+    "target_suffix",
+    "write",
+    "written_suffix",
+]
 
 _HOLD_NOTHING = (".ply", ".splat")
 """Formats that can hold zero Gaussians."""
@@ -95,7 +105,7 @@ def write(gaussians: Gaussians, path: str | Path, **options: Any) -> None:
         InputError: no format has that name, the file cannot be written, or the format cannot hold the Gaussians.
     """
     check_gaussians(gaussians)
-    suffix = _writable(path)
+    suffix = target_suffix(path)
     if len(gaussians) == 0 and suffix not in _HOLD_NOTHING:
         raise InputError(f"Cannot write '{path}': a {suffix} file cannot hold zero Gaussians.")
     _module(suffix).write(gaussians, Path(path), **options)
@@ -127,41 +137,29 @@ def write_selected(gaussians: Gaussians, rows: IntArray, appended: Gaussians, pa
     Raises:
         InputError: as for `write`.
     """
-    module = _module(_writable(path))
+    module = _module(target_suffix(path))
     if hasattr(module, "write_selected"):
         module.write_selected(gaussians, rows, appended, Path(path))
     else:
         write(concatenate([gaussians.select(rows), appended]), path)
 
 
-def convert(
-    source: str | Path,
-    target: str | Path,
-    *,
-    level: int | None = None,
-    say: Callable[[str], None] = lambda text: None,
-    sort: bool = False,
-    change: Callable[[Gaussians], Gaussians] | None = None,
-    **options: Any,
-) -> Gaussians:
-    """Read one splat file and write another; returns what was written, before the target's format rounded it.
+def convert(source: str | Path, target: str | Path, *, sort: bool = False) -> Gaussians:
+    """Read one splat file and write another; return what was written, before the target's format rounded it.
 
     With `sort`, rows are written in Morton order instead of the source's, which makes compressed files smaller and
-    a compressed PLY far more precise; selections of the source then do not fit the target. What `change` makes of the
-    Gaussians is written in their place. `level` and `say` are those of `read`, options those of `write`.
+    a compressed PLY far more precise; selections of the source then do not fit the target.
 
     Raises:
         InputError: the source cannot be read or the target cannot be written.
     """
-    _writable(target)  # a wrong name is found before the work
-    gaussians = read(source, level=level, say=say)
-    if change is not None:
-        gaussians = change(gaussians)
+    target_suffix(target)  # a wrong name is found before the work
+    gaussians = read(source)
     if sort:
         from gaussian_trimmer.formats.packing import morton_order
 
         gaussians = gaussians.select(morton_order(gaussians.means))
-    write(gaussians, target, **options)
+    write(gaussians, target)
     return gaussians
 
 
@@ -169,7 +167,7 @@ def _module(suffix: str) -> Any:
     return load(f"gaussian_trimmer.formats.{(FORMATS | READ_ONLY)[suffix]}")
 
 
-def _writable(path: str | Path) -> str:
+def target_suffix(path: str | Path) -> str:
     """Return the suffix of a file that can be written.
 
     Raises:
