@@ -15,7 +15,7 @@ PACKAGE = Path(gaussian_trimmer.__file__).parent
 FILES = ("formats", "camera_files", "selection_files")
 """Readers of files, each of which may also import those before it."""
 BASE = (
-    "settings", "errors", "lazy_import", "_version", "io", "gaussians", "cameras", "parallel", "sample",
+    "settings", "errors", "_version", "io", "gaussians", "cameras", "parallel", "sample",
 )  # fmt: skip
 LAYERS = (
     BASE,
@@ -41,7 +41,7 @@ LAYERS = (
 each is one file, also from each other."""
 
 NAME = re.compile(r"gaussian_trimmer(\.\w+)+(:\w+|\.)?")
-"""A name as `lazy_import.load` takes it, or the beginning of one."""
+"""A name of what the package imports late, or the beginning of one."""
 HEAVY = ("torch", "transformers", "onnxruntime", "viser", "ray")
 """Packages that take seconds to import or are not installed with the package itself."""
 

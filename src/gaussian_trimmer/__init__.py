@@ -14,10 +14,11 @@ What is named here is loaded when it is first used, so that importing the packag
 from __future__ import annotations
 
 from gaussian_trimmer._version import __version__
-from gaussian_trimmer.lazy_import import late_attributes
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:  # `typing` takes longer to import than all that is imported here
+    from typing import Any
+
     from gaussian_trimmer.camera_files import cameras_from_arrays
     from gaussian_trimmer.camera_files import read_camera_set as read_cameras
     from gaussian_trimmer.errors import InputError
@@ -78,7 +79,18 @@ _LATE = {
     "trim_objects": "gaussian_trimmer.trimming.trim:trim_objects",
     "write": "gaussian_trimmer.formats:write",
 }
-__getattr__ = late_attributes(__name__, _LATE)
+"""Where each is defined, as module or as module:attribute."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATE:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    from importlib import import_module
+
+    module, _, attribute = _LATE[name].partition(":")
+    value = import_module(module)
+    globals()[name] = value = getattr(value, attribute) if attribute else value
+    return value
 
 
 def __dir__() -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,6 @@ from gaussian_trimmer.formats.identify import (
 from gaussian_trimmer.gaussians import Gaussians, IntArray, check_gaussians, concatenate
 from gaussian_trimmer.geometry.limits import check_values
 from gaussian_trimmer.io.reading import is_file, reading
-from gaussian_trimmer.lazy_import import load
 
 __all__ = [
     "FORMATS",
@@ -164,7 +164,7 @@ def convert(source: str | Path, target: str | Path, *, sort: bool = False) -> Ga
 
 
 def _module(suffix: str) -> Any:
-    return load(f"gaussian_trimmer.formats.{(FORMATS | READ_ONLY)[suffix]}")
+    return import_module(f"gaussian_trimmer.formats.{(FORMATS | READ_ONLY)[suffix]}")
 
 
 def target_suffix(path: str | Path) -> str:
