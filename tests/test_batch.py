@@ -14,7 +14,6 @@ from command_line import run
 
 import gaussian_trimmer as gt
 from gaussian_trimmer.commands import batch as command
-from gaussian_trimmer.commands import parser_of
 from gaussian_trimmer.selecting.marks import Sphere
 
 HEADER = "scene,selection,name,up,options"
@@ -204,11 +203,3 @@ def test_options_that_are_not_possible(folder, tmp_path, capsys, options, said):
     assert run("batch", folder / "manifest.csv", "--output", tmp_path / "out", *options) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-def test_the_example_for_slurm_names_options_that_exist():
-    text = (Path(__file__).parents[1] / "examples" / "06_batch_on_slurm.sh").read_text()
-    command_line = text[text.index("python -m") :]
-    options = {word for word in command_line.split() if word.startswith("--")}
-    assert {"--shard", "--workers"} <= options
-    assert all(f"\n  {option} " in parser_of("batch").format_help() for option in options)

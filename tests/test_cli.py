@@ -130,7 +130,7 @@ def test_preset_changes_the_defaults_and_nothing_else():
 def test_words_are_made_of_what_they_say():
     """Whatever is typed, in any order, the words of a report say the same, and are read as the same."""
     typed = shlex.split(
-        "a.ply --click 3,4 --view 7 --up -y b.npy --scale=2.5 --exclude c.npy d.npy "
+        "a.ply --click 3 4 --view 7 --up -y b.npy --scale=2.5 --exclude c.npy d.npy "
         "--set plan.yaw-range-degrees=-90,90 --html --remove-box 1 2 3 4 --grow 1.5 --for=unity"
     )
     words = trim(*typed).parser.words_of(trim(*typed))
@@ -160,22 +160,6 @@ def test_output_goes_to_a_folder_named_after_the_inputs(ball, tmp_path, monkeypa
     assert (tmp_path / "trimmed" / f"{folder.name}-rough" / "object.ply").is_file()
 
 
-def test_overwriting_leaves_no_file_of_the_earlier_run(ball, tmp_path, capsys):
-    folder, _, _ = ball
-    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, *SMALL, "--quiet"]
-    assert run(*command, "--format", "splat") == 0
-    mine = [tmp_path / name for name in ("notes.txt", "object.blend", "background.jpg", "views/photo.jpg")]
-    for path in mine:
-        path.write_text("mine")
-    assert run(*command) == 2
-    assert (tmp_path / "object.splat").exists()
-    assert run(*command, "--overwrite", "--views", 2) == 0
-    assert not (tmp_path / "object.splat").exists()
-    assert sorted(path.name for path in (tmp_path / "views").iterdir()) == ["00.png", "01.png", "photo.jpg"]
-    assert all(path.read_text() == "mine" for path in mine)
-    assert "not empty" in capsys.readouterr().err
-
-
 def test_trim_spares_its_inputs_and_what_it_did_not_write(ball, tmp_path, capsys, monkeypatch):
     """All is refused before anything is read."""
     folder, _, _ = ball
@@ -192,21 +176,6 @@ def test_trim_spares_its_inputs_and_what_it_did_not_write(ball, tmp_path, capsys
     assert "object.ply' is in the way" in capsys.readouterr().err
     (tmp_path / "object.ply").write_bytes(before[tmp_path / "object.ply"])
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
-
-
-def test_second_run_into_a_folder_ends_before_it_reads(ball, tmp_path, capsys, monkeypatch):
-    folder, _, _ = ball
-    monkeypatch.setattr(formats, "read", lambda path, **_: pytest.fail("it was read"))
-    scene, rough = folder / "scene.ply", folder / "rough.npy"
-    click = ["--click", 1, 1, "--view-index", 0, "--output", tmp_path / "a.npy", "--trim", tmp_path / "out"]
-    with atomic_folder(tmp_path / "out", "trim"):
-        for command in (
-            ["trim", scene, rough, "--output", tmp_path / "out"],
-            ["select", scene, "--list-views", tmp_path / "out"],
-            ["select", scene, *click],
-        ):
-            assert run(*command) == 2
-            assert "Another run is writing to" in capsys.readouterr().err
 
 
 def test_lifted_selection_finds_the_object(ball, tmp_path, capsys):
@@ -404,10 +373,6 @@ def test_an_earlier_trim_is_kept_out_of_the_next(ball, tmp_path, capsys):
     second = np.load(tmp_path / "b" / "labels.npz")
     assert not np.isin(second["source_index"][: second["n_object"]], taken).any()
     assert object_of(tmp_path / "b")["counts"]["selected"] == np.count_nonzero(wider) - wider[taken].sum()
-    np.save(tmp_path / "ids.npy", np.where(wider, 4, 0))
-    assert run(*command, "--labels", tmp_path / "ids.npy", *exclude, "--output", tmp_path / "c") == 0
-    several = np.load(tmp_path / "c" / "labels.npz")
-    assert not np.isin(several["source_index"][: several["n_object"]], taken).any()
     np.save(tmp_path / "inside.npy", np.isin(np.arange(len(scene)), taken[:99]))
     assert run(*command, tmp_path / "inside.npy", *exclude, "--output", tmp_path / "d") == 2
     assert "Nothing is left of the selection" in capsys.readouterr().err

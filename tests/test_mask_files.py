@@ -1,14 +1,12 @@
 """Masks of the user's own, found by the names of the pictures."""
 
-import os
-
 import cv2
 import numpy as np
 import pytest
 
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.reading import file_bytes, is_file
+from gaussian_trimmer.io.reading import is_file
 from gaussian_trimmer.masks import mask_files
 from gaussian_trimmer.masks.mask_files import (
     cameras_with_masks,
@@ -104,10 +102,3 @@ def test_masks_of_many_cameras_are_looked_up_in_one_list(tmp_path, monkeypatch):
     found = cameras_with_masks([camera(f"{i}.JPG") for i in range(100)], tmp_path)
     assert [camera.name for camera in found] == ["7.JPG"]
     assert len(looked) == 14
-
-
-def test_a_mask_that_changes_while_it_is_read(tmp_path, monkeypatch):
-    save(tmp_path / "a.png")
-    monkeypatch.setattr(mask_files, "file_bytes", lambda *args: (file_bytes(*args), os.utime(args[0], (7, 7)))[0])
-    with pytest.raises(InputError, match="changed while it was read"):
-        mask_of(camera("a.png"), tmp_path)

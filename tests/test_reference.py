@@ -8,7 +8,7 @@ from scenes import front_camera, gaussian, random_scene
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import concatenate, quaternions_of, rotation_matrices
-from gaussian_trimmer.rendering.blending import ALPHA_CUTOFF, sh_basis, view_colours
+from gaussian_trimmer.rendering.blending import ALPHA_CUTOFF, sh_basis
 
 FOCAL = 100.0
 # At the origin, looking along z; the optical axis passes through the centre of pixel (50, 40).
@@ -100,10 +100,6 @@ def test_pixel_stops_before_it_is_exhausted(opacity, n_drawn):
 @pytest.mark.parametrize(("depth", "drawn"), [(-1.0, False), (0.0, False), (0.009, False), (0.011, True)])
 def test_near_plane(depth, drawn):
     assert (at_axis(gaussian((0, 0, depth), scale=0.001))[1] > 0) == drawn
-
-
-def test_negative_colours_are_black_and_bright_ones_stay():
-    np.testing.assert_allclose(view_colours(gaussian(colour=(-0.3, 0.2, 1.7)), CAMERA)[0], [0, 0.2, 1.7], atol=1e-6)
 
 
 def test_basis_by_hand():

@@ -136,8 +136,3 @@ def test_top_contributors(args, k):
     wrong = ids[separated] != expected_ids[:, :k][separated]
     assert wrong.sum() <= SHARE_OF_FLIPS * wrong.size
     assert separated.sum() >= 0.8 * np.count_nonzero(expected[:, 0])
-
-
-def test_no_pixels():
-    ids, weights = rendering.top_contributors(*view("random 0", 48, 32), np.zeros((0, 2), np.int64), 3)
-    assert ids.shape == weights.shape == (0, 3)

@@ -21,8 +21,8 @@ def middle_of(folder, name="0.png"):
 
 
 def test_click_in_a_given_view(ball, tmp_path, capsys):
-    (folder, _, truth), comma = ball, ",".join(map(str, middle_of(ball[0])))
-    command = ["select", folder / "scene.ply", "--cameras", folder / "cameras.json", "--click", comma]
+    folder, _, truth = ball
+    command = ["select", folder / "scene.ply", "--cameras", folder / "cameras.json", "--click", *middle_of(folder)]
     for number, view in enumerate((["--view", "0.png"], ["--view", "0"], ["--view-index", 0])):
         output = tmp_path / f"{number}.npy"
         assert run(*command, *view, "--output", output) == 0

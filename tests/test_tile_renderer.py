@@ -50,17 +50,6 @@ def test_a_view_in_parts_is_the_same_view(memory, monkeypatch):
     assert longest <= max(memory / 6, np.diff(projection.tile_starts).max())
 
 
-def test_weights_of_many_labels_are_found_in_parts_of_the_kept_lists(monkeypatch):
-    projection = project_view(SCENE, CAMERA)
-    n_pairs = int(projection.tile_starts[-1])
-    monkeypatch.setattr(tile_renderer, "_LISTED_BYTES", 6 * n_pairs)
-    parts = list(projection.parts(CAMERA, 15))
-    assert len(parts) > 5
-    assert sum(len(part.lists) for part in parts) == n_pairs
-    assert all(np.shares_memory(part.lists, projection.tiles.lists) for part in parts if len(part.lists))
-    assert len(list(projection.parts(CAMERA))) == 1
-
-
 def large_and_faint(n):
     """Gaussians that reach every tile of the picture."""
     return concatenate([gaussian((0.4, -0.3, 0.2), scale=50.0, opacity=0.01)] * n)

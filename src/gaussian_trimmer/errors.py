@@ -65,6 +65,15 @@ def clip_name(name: str) -> str:
     return printable(name, _NAME_LENGTH)
 
 
+def first_line(error: Exception) -> str:
+    """Return what an error of another package says first, without a full stop, or its type if it says nothing.
+
+    >>> first_line(ValueError("Not a model.\\nMore of it."))
+    'Not a model'
+    """
+    return (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")[:300]
+
+
 def user_message(error: BaseException) -> str | None:
     """What a user is told of an error that is not a defect of this package; None if it is one."""
     match error:

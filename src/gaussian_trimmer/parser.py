@@ -30,7 +30,6 @@ PROGRAM = "gaussian-trimmer"
 UP = "X Y Z, or an axis such as z or -y"
 """The kind of an option that is an up vector."""
 _NUMBER = re.compile(r"-?[\d.][\d.e+-]*")
-_NUMBERS = re.compile(r"(?:(--[\w-]+)=)?(-?[\d.][\d.e+-]*(?:,(?:-?[\d.][\d.e+-]*)?)+)")
 _MAX_WIDTH, _COLUMN = 110, 26
 
 
@@ -229,7 +228,7 @@ class Parser(argparse.ArgumentParser):
         return f"{self.prog} --help"
 
     def _prepared(self, words: Sequence[str]) -> list[str]:
-        """Return words as argparse can read them: numbers one by one, and values that begin with a dash held fast."""
+        """Return words as argparse can read them: an up vector as one, values that begin with a dash held fast."""
         prepared, left = list[str](), list(words)
         while left:
             word = left.pop(0)
@@ -241,10 +240,6 @@ class Parser(argparse.ArgumentParser):
                 del left[: max(taken, 1)]
             elif word == "--options" and left:  # a text of options is a value
                 word = f"--options={left.pop(0)}"
-            elif found := _NUMBERS.fullmatch(word):
-                prepared += filter(None, [found[1]])
-                left[:0] = filter(None, found[2].split(","))
-                continue
             prepared.append(f" {word}" if _NUMBER.fullmatch(word) and word.startswith("-") else word)
         return prepared
 

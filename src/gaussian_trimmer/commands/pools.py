@@ -118,16 +118,16 @@ def _interrupts_held_back() -> Iterator[None]:
 
 def _prepare(threads: int) -> None:
     """Make a process ready, which ends when the one that has started it does."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+    def end_with_parent() -> None:
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
     warnings.simplefilter("ignore")
     _use_threads(threads)
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def _use_threads(threads: int) -> None:

@@ -137,7 +137,9 @@ def trim_into(
         if isinstance(one, Selection) and source and not clicked:  # a click means what is seen there, also if it is all
             refuse_whole_scene(one.mask, source, str(arguments.scene))
         seconds = {"read": time.perf_counter() - start}
-        config = _with_up(config_of(arguments), up)
+        config = config_of(arguments)
+        if up is not None and config.up is None:  # neither the user nor cameras tell it
+            config = replace(config, up=up.for_trims())
         result = _trim(arguments, config, scene, cameras, objects, excluded, stage, console)
         stage("write")
         named = {name: str(value) if isinstance(value, Path) else value for name, value in inputs.items()}
@@ -164,12 +166,6 @@ def trim_into(
     print_warnings(report)
     print_json(arguments, report, (folder, RESULTS))
     return NOTHING_TRIMMED if all(entry["refused"] for entry in report["objects"]) else 0
-
-
-def _with_up(config: TrimConfig, up: UpVector | None) -> TrimConfig:
-    """Return the settings with what was found of the up vector, where neither the user nor cameras tell it."""
-    found = up and up.for_trims()
-    return replace(config, up=found) if found and config.up is None else config
 
 
 def _trim(

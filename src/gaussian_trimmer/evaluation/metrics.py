@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.errors import InputError, clip_name
+from gaussian_trimmer.errors import InputError, clip_name, first_line
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.rendering import blend_values
 from gaussian_trimmer.views.view import HALF, bounding_box, box_slices
@@ -263,10 +263,9 @@ class ClipScorer:
             self._model = transformers.CLIPModel.from_pretrained(model, use_safetensors=True, local_files_only=local)
             tokenizer = transformers.CLIPTokenizer.from_pretrained(model, local_files_only=local)
         except (OSError, ValueError, RuntimeError, KeyError) as error:
-            first_line = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
             raise InputError(
-                f"Cannot load the CLIP model '{model}' ({first_line}); give a folder with model.safetensors and the "
-                "tokenizer's files, or a name on the Hugging Face hub."
+                f"Cannot load the CLIP model '{model}' ({first_line(error)}); give a folder with model.safetensors and "
+                "the tokenizer's files, or a name on the Hugging Face hub."
             ) from error
         self._model.eval()
         self.name = clip_name(Path(model).name if local else model)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, first_line
 from gaussian_trimmer.gaussians import FloatArray
 from gaussian_trimmer.masks.sam_onnx import BOX_CORNERS, IMAGENET, Prompt
 from gaussian_trimmer.views.view import HALF, View
@@ -134,10 +134,9 @@ def _load_model(transformers: Any, folder: Path, dtype: Any) -> Any:
             "that was made for another PyTorch, install the one that matches, or none."
         ) from error
     except (OSError, ValueError, RuntimeError, import_module("safetensors").SafetensorError) as error:
-        reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
         raise InputError(
-            f"The SAM 2 model '{source}' cannot be loaded ({reason}); the folder must hold the model's config.json and "
-            "model.safetensors, as facebook/sam2.1-hiera-tiny has them."
+            f"The SAM 2 model '{source}' cannot be loaded ({first_line(error)}); the folder must hold the "
+            "model's config.json and model.safetensors, as facebook/sam2.1-hiera-tiny has them."
         ) from error
     if report["missing_keys"]:
         # Transformers would fill these with random numbers.

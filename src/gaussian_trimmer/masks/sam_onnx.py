@@ -22,7 +22,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, first_line
 from gaussian_trimmer.gaussians import Float64Array, FloatArray
 from gaussian_trimmer.io.reading import is_file
 from gaussian_trimmer.views.view import Box
@@ -117,13 +117,13 @@ class OnnxSam:
         try:
             return self._runtime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
         except self._errors as error:
-            raise InputError(f"The model '{path}' cannot be loaded ({_first_line(error)}); {_WHERE}.") from error
+            raise InputError(f"The model '{path}' cannot be loaded ({first_line(error)}); {_WHERE}.") from error
 
     def _run(self, session: Any, path: Path, names: Sequence[str], feeds: Mapping[str, FloatArray]) -> list[FloatArray]:
         try:
             return [np.asarray(found, np.float32) for found in session.run(list(names), dict(feeds))]
         except self._errors as error:
-            raise InputError(f"The model '{path}' cannot be run ({_first_line(error)}).") from error
+            raise InputError(f"The model '{path}' cannot be run ({first_line(error)}).") from error
 
     def _check(self, outputs: Sequence[str]) -> None:
         """Refuse an encoder and a decoder that are none, or are of two exports."""
@@ -195,7 +195,7 @@ def _find_files(folder: Path) -> tuple[Path, Path]:
     try:
         files = [file for file in sorted(folder.iterdir()) if file.suffix in (".onnx", ".ort") and is_file(file)]
     except (OSError, ValueError) as error:
-        raise InputError(f"The folder '{folder}' cannot be read ({_first_line(error)}); {_WHERE}.") from error
+        raise InputError(f"The folder '{folder}' cannot be read ({first_line(error)}); {_WHERE}.") from error
     encoders = [file for file in files if "encoder" in file.name.lower()]
     decoders = [file for file in files if file not in encoders]  # the original export names them after checkpoints
     if not len(encoders) == len(decoders) == 1:
@@ -225,8 +225,3 @@ def _errors_of(runtime: Any) -> tuple[type[Exception], ...]:
     own = vars(import_module(f"{runtime.__name__}.capi.onnxruntime_pybind11_state")).values()
     kinds = [kind for kind in own if isinstance(kind, type) and issubclass(kind, Exception)]
     return (*kinds, RuntimeError, ValueError, TypeError, OSError, NotImplementedError)
-
-
-def _first_line(error: Exception) -> str:
-    """Return what an error of ONNX Runtime says first."""
-    return (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")[:300]
