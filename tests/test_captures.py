@@ -3,7 +3,7 @@
 import benchmark_data
 import numpy as np
 import pytest
-from captures import FitOptions, bent, refit, room
+from captures import FitOptions, refit, room
 from quality import trials
 from refits import fit, photograph, psnr, thinned
 from rooms import make_room
@@ -47,10 +47,3 @@ def test_fitting_brings_a_scene_closer_to_the_pictures():
         np.mean([psnr(draw(g, v.camera), v.picture[:3]) for v in views]) for g in (few, fit(few, views, 30, rng))
     )
     assert after > before + 1
-
-
-def test_a_bent_mask_keeps_about_its_size():
-    mask = np.zeros((80, 100), np.float32)
-    mask[20:60, 30:80] = 1
-    moved = bent(mask, np.random.default_rng(0))
-    assert 0.8 < moved.sum() / mask.sum() < 1.2 and (moved != mask).any()

@@ -1,10 +1,8 @@
-"""Every object of a made room is found by itself, the room is none, and names of rows, units and axes do not matter."""
+"""Every object of a made room is found, the room is none, and names of rows, units and axes do not matter."""
 
 import csv
 import json
-from dataclasses import replace
 
-import cv2
 import made_room as room
 import numpy as np
 import pytest
@@ -15,8 +13,8 @@ import gaussian_trimmer as gt
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.found import FindConfig
-from gaussian_trimmer.finding.saving import draw_plan
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.surface.regions import _certain_links, _merged, _mutual
 from gaussian_trimmer.surface.room_surfaces import find_room
 from gaussian_trimmer.surface.visible_surface import find_visible_surface, views_of
 from gaussian_trimmer.trimming.up_vector import SURE_CONFIDENCE
@@ -183,6 +181,7 @@ def test_the_command_writes_labels_table_and_page_and_trims(furnished, tmp_path,
     assert listed[0]["name"] == "first" and sum(one["sure"] for one in listed) == 3
     assert (tmp_path / "found" / "objects.csv").read_text().count("\n") == len(listed) + 1
     page = (tmp_path / "found" / "index.html").read_text()
+    assert (tmp_path / "found" / "plan.png").is_file()
     assert all((tmp_path / "found" / f"object_{one['id']:03d}.png").is_file() for one in listed)
     assert page.count("<figure") == len(listed) and "--trim" in page
     assert "3 objects" in capsys.readouterr().out
@@ -213,21 +212,6 @@ def test_an_up_vector_that_was_found_for_the_scene_is_that_of_its_trims(furnishe
     assert [float(word) for word in row["up"].split()] == pytest.approx(found["direction"])
 
 
-def test_the_plan_shows_each_object_in_a_colour_of_its_own_where_it_stands(found, furnished):
-    picture = draw_plan(found).astype(int)
-    plain = draw_plan(replace(found, labels=0 * found.labels)).astype(int)
-    coloured = np.abs(picture - plain).max(axis=2) > 60
-    _, parts, areas, middles = cv2.connectedComponentsWithStats(coloured.astype(np.uint8))
-    large = np.flatnonzero(areas[1:, cv2.CC_STAT_AREA] > 2000) + 1
-    assert len(large) == 2  # the green ball leans against the box
-    tints = {tuple(np.median(picture[parts == part], axis=0) // 16) for part in large}
-    assert len(tints) == 2
-    blue, _ = best(found, furnished[1] == 3)
-    assert found.objects[blue - 1].centre[1] == pytest.approx(1.2, abs=0.1)
-    across = np.ptp(middles[large], axis=0)
-    assert across.max() > 0.4 * max(picture.shape)
-
-
 def test_a_batch_trims_what_was_found_in_several_scenes(furnished, tmp_path):
     lone, _ = room.scene_of(room.floor(), room.ball((0, 0.4), 0.5, room.BLUE, 2))
     bare, _ = room.scene_of(room.floor())
@@ -256,3 +240,39 @@ def test_a_batch_trims_what_was_found_in_several_scenes(furnished, tmp_path):
 def test_wrong_options_are_refused(option, words, tmp_path, capsys):
     assert run("objects", tmp_path / "scene.ply", "--output", tmp_path / "found", *option) == 2
     assert words in capsys.readouterr().err
+
+
+RNG = np.random.default_rng(0)
+REGIONS = 40
+PAIRS = np.unique(np.sort(RNG.integers(0, REGIONS, (300, 2)), axis=1), axis=0)
+PAIRS = PAIRS[PAIRS[:, 0] < PAIRS[:, 1]]
+LINKS, SIZES = RNG.random((len(PAIRS), 6)), RNG.random((REGIONS, 2))
+
+
+def test_links_of_the_same_two_regions_are_summed_and_those_within_one_are_gone():
+    numbers = RNG.permutation(np.arange(REGIONS) % 12)
+    pairs, links, sizes = _merged(numbers, PAIRS, LINKS, SIZES)
+    ends = np.sort(numbers[PAIRS], axis=1)
+    across = ends[:, 0] != ends[:, 1]
+    wanted, place = np.unique(ends[across], axis=0, return_inverse=True)
+    order = np.lexsort(pairs.T[::-1])
+    assert np.array_equal(pairs[order], wanted)
+    sums = np.stack([np.bincount(place.ravel(), column) for column in LINKS[across].T], axis=1)
+    assert np.allclose(links[order], sums)
+    assert np.allclose(sizes, np.stack([np.bincount(numbers, column) for column in SIZES.T], axis=1))
+
+
+def test_mutual_links_are_the_strongest_of_both_regions_and_not_zero():
+    strength = np.where(RNG.random(len(PAIRS)) < 0.5, 0, RNG.random(len(PAIRS)))
+    strongest = [strength[(region == PAIRS).any(axis=1)].max(initial=0) for region in range(REGIONS)]
+    wanted = (strength > 0) & (strength == np.array(strongest)[PAIRS].max(axis=1))
+    assert np.array_equal(_mutual(PAIRS, strength, REGIONS), wanted)
+
+
+def test_links_are_certain_unless_both_regions_stand_by_themselves_or_they_are_weak():
+    least, weakest = np.array([0.3, 0.3]), 0.4
+    size = np.sqrt(SIZES[PAIRS, 0].min(axis=1))
+    both = (least < SIZES).all(axis=1)[PAIRS].all(axis=1)
+    wanted = np.where(~both & (LINKS[:, 0] >= weakest * size), LINKS[:, 0] / size, 0)
+    assert 0 < np.count_nonzero(wanted) < len(PAIRS)
+    assert np.allclose(_certain_links(PAIRS, LINKS, SIZES, least, weakest), wanted)

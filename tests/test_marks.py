@@ -101,31 +101,6 @@ def test_saved_marks_select_the_same(tmp_path):
         gt.select(SCENE.select(np.arange(12)), tmp_path / "marks.json")
 
 
-def test_files_of_earlier_versions_stay_readable(tmp_path):
-    """They left out options with their defaults."""
-    np.save(tmp_path / "part.npy", np.where(SCENE.means[:, 0] > 0.5, 4, 0))
-    old = {
-        "content": "selection marks", "version": "0.1.0", "scene_size": len(SCENE), "up": [0.0, 0.0, 1.0],
-        "cameras": "sparse/0",
-        "marks": [
-            {"mark": "file", "path": "part.npy", "options": {"object_id": [4]}, "effect": "add"},
-            {"mark": "click", "x": 5, "y": 6, "view": 0, "effect": "remove"},
-        ],
-        "views": [{
-            "name": "a.png", "width": 96, "height": 96, "K": CAMERAS[0].K.tolist(),
-            "world_to_camera": CAMERAS[0].world_to_camera.tolist(), "near": 0.01,
-            "drawn": {"centre": [0, 0, 1], "radius": 2},
-        }],
-        "photographed_from": [[1, 2, 3]],
-        "selection": {"file": "a.npy", "crc32": 5, "selected": 3, "excluded": ""},
-    }  # fmt: skip
-    (tmp_path / "old.json").write_text(json.dumps(old, indent=1))
-    marks = gt.read_marks(tmp_path / "old.json")
-    assert marks.marks[0] == FromFile(tmp_path / "part.npy", SelectionOptions(object_id=(4,)))
-    assert marks.marks[1].view.drawn_centre == (0, 0, 1) and marks.marks[1].view.camera.name == "a.png"
-    assert (marks.cameras, marks.photographed_from) == (tmp_path / "sparse/0", ((1.0, 2.0, 3.0),))
-
-
 def test_views_from_all_around_are_saved_with_what_is_drawn_in_them(tmp_path):
     made = selected(Click(320, 320, 0))
     made.save_marks(tmp_path / "marks.json")

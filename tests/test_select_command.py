@@ -2,7 +2,6 @@
 
 import json
 import re
-import shlex
 import shutil
 
 import cv2
@@ -129,19 +128,6 @@ def test_trim_takes_marks_on_top_of_a_file(ball, tmp_path):
     assert json.loads((out / "report.json").read_text())["objects"][0]["counts"]["selected"] == kept.sum()
     assert run("select", folder / "scene.ply", "--marks", out / "selection.json", "--output", tmp_path / "a.npy") == 0
     assert np.array_equal(np.load(tmp_path / "a.npy"), kept)
-
-
-def test_commands_to_copy_quote_paths_with_spaces(ball, tmp_path, capsys):
-    folder, _, _ = ball
-    spaced = tmp_path / "my scans"
-    shutil.copytree(folder, spaced)
-    command = ["select", spaced / "scene.ply", "--cameras", spaced / "cameras.json", "--click", *middle_of(folder)]
-    assert run(*command, "--view", "0", "--output", spaced / "the ball.npy") == 0
-    suggested = capsys.readouterr().out.splitlines()[-1].removeprefix("Now: ")
-    paths = [str(spaced / name) for name in ("scene.ply", "the ball.npy", "cameras.json")]
-    words = shlex.split(suggested)
-    assert words == ["gaussian-trimmer", "trim", *paths[:2], "--cameras", paths[2]]
-    assert run(*words[1:], "--output", tmp_path / "out", *SMALL, "--quiet") == 0
 
 
 def test_select_then_trim_reads_the_scene_once(ball, tmp_path, monkeypatch):

@@ -29,15 +29,6 @@ from gaussian_trimmer.commands.info import describe_file
 from gaussian_trimmer.commands.manifest import Item, read_manifest
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.io.folders import (
-    MANIFEST,
-    atomic_folder,
-    earlier_results,
-    files_in,
-    is_complete,
-    is_made_of,
-    write_manifest,
-)
 from gaussian_trimmer.masks.mask_files import mask_of
 from gaussian_trimmer.selecting.marks import (
     Box3D,
@@ -273,7 +264,7 @@ _WIDTH, _HEIGHT = 24, 18
 
 
 def _other_readers() -> dict[str, Reader]:
-    """Masks, marks, projects, manifests, and what runs leave for later ones."""
+    """Masks, marks, projects and manifests."""
     picture = np.zeros((_HEIGHT, _WIDTH, 4), np.uint8)
     picture[4:12, 5:15] = 255
     masks = {".png": picture, ".jpg": picture[..., :3], ".tiff": picture[..., 0], ".webp": picture, ".bmp": picture}
@@ -290,7 +281,6 @@ def _other_readers() -> dict[str, Reader]:
         "masks": Reader([{f"a{end}": cv2.imencode(end, mask)[1].tobytes()} for end, mask in masks.items()], _read_mask),
         "marks": Reader([{"a.json": json.dumps(marks).encode()}], read_marks),
         "project": Reader([{"a.project.json": _project()}], _read_project),
-        "results": Reader([_results()], _read_results),
         "manifest.csv": Reader([{"a.csv": rows.encode()}], lambda path: read_manifest(path, Item)),
     }
 
@@ -315,29 +305,6 @@ def _project() -> bytes:
 def _read_project(path: Path) -> None:
     change = restore(_session().now, read_project(path))
     assert all(part.mask.shape == (N,) for part in change.after.objects)
-
-
-def _results() -> Files:
-    """Files of a run, and the list of them that it leaves."""
-    with tempfile.TemporaryDirectory() as folder:
-        for name in ("object.ply", "views/00.png"):
-            (Path(folder) / name).parent.mkdir(exist_ok=True)
-            (Path(folder) / name).write_bytes(b"anything")
-        write_manifest(Path(folder), "trim", Path("a.ply"))
-        files = _folder(Path(folder))
-    return {MANIFEST: files.pop(MANIFEST), **files}
-
-
-def _read_results(path: Path) -> None:
-    """A list may lie, but is never more than what is in the folder, and a run over it ends."""
-    folder = path.parent
-    complete = is_complete(folder) and is_made_of(folder, Path("a.ply"))
-    assert set(earlier_results(folder, "trim")) <= set(files_in(folder))
-    with atomic_folder(folder, "trim", overwrite=True) as part:
-        (part / "object.ply").write_bytes(b"new")
-    assert (folder / "object.ply").read_bytes() == b"new"
-    if not complete:
-        raise InputError("The list is not that of the files.")
 
 
 def _read_mask(path: Path) -> None:
