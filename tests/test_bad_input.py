@@ -6,93 +6,52 @@ from command_line import SMALL, run, save_ball
 
 
 @pytest.fixture(scope="module")
-def ball(tmp_path_factory):
+def files(tmp_path_factory):
+    """A folder with the ball, and with scenes and selections that are none."""
     folder = tmp_path_factory.mktemp("ball")
     scene, _ = save_ball(folder)
-    return folder, scene
-
-
-def trim_fails(scene, *rest, output, capsys):
-    """Run `trim`, check that it fails as it should, and return what it said."""
-    before = sorted(output.parent.iterdir()) if output.parent.is_dir() else None
-    assert run("trim", scene, *rest, "--output", output, *SMALL) == 2
-    printed = capsys.readouterr().err
-    assert printed.endswith(".\n")
-    assert printed.count("\n") == 1
-    assert (sorted(output.parent.iterdir()) if output.parent.is_dir() else None) == before
-    return printed
-
-
-def with_nan(data):
+    n, data = len(scene), (folder / "scene.ply").read_bytes()
     end = data.index(b"end_header\n") + len(b"end_header\n")
-    return data[:end] + np.float32(np.nan).tobytes() + data[end + 4 :]
+    (folder / "picture.ply").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(1000))
+    (folder / "short.ply").write_bytes(data[:-100])
+    (folder / "nan.ply").write_bytes(data[:end] + np.float32(np.nan).tobytes() + data[end + 4 :])
+    (folder / "scene.obj").write_text("v 0 0 0\n")
+    for name, array in {
+        "empty": np.zeros(n, bool), "full": np.ones(n, bool), "short": np.ones(n - 1, bool),
+        "scores": np.linspace(0, 1, n), "matrix": np.ones((3, n), bool), "pickled": np.array([{}], object),
+    }.items():  # fmt: skip
+        np.save(folder / f"{name}.npy", array, allow_pickle=True)
+    return folder
 
 
 @pytest.mark.parametrize(
-    ("damaged", "said"),
+    ("words", "said"),
     [
-        (None, "There is no file"),
-        (lambda data: b"\x89PNG\r\n\x1a\n" + bytes(1000), "not a PLY"),
-        (lambda data: data[:-100], "truncated"),
-        (with_nan, "finite"),
+        ("nowhere.ply rough.npy", "There is no file"),
+        ("picture.ply rough.npy", "not a PLY"),
+        ("short.ply rough.npy", "truncated"),
+        ("nan.ply rough.npy", "finite"),
+        ("scene.obj rough.npy", "known endings"),
+        ("scene.ply empty.npy", "selects none"),
+        ("scene.ply full.npy", "selects all"),
+        ("scene.ply short.npy", "entries"),
+        ("scene.ply scores.npy", "--set selection.threshold"),
+        ("scene.ply matrix.npy", "is not a selection"),
+        ("scene.ply pickled.npy", "pickled.npy"),
+        ("scene.ply rough.npy --format obj", "Unknown format 'obj'"),
+        ("scene.ply rough.npy --sam nowhere", "nowhere"),
+        ("scene.ply rough.npy --masks masks", "--cameras"),
+        ("scene.ply rough.npy --cameras nowhere", "nowhere"),
+        ("scene.ply rough.npy --set selection.object-id=3", "object"),
+        ("scene.ply rough.npy --output rough.npy", "choose another"),
+        ("scene.ply rough.npy --output rough.npy/below", "choose another"),
     ],
 )
-def test_damaged_scenes(damaged, said, ball, tmp_path, capsys):
-    folder, _ = ball
-    scene = tmp_path / "damaged.ply"
-    if damaged:
-        scene.write_bytes(damaged((folder / "scene.ply").read_bytes()))
-    assert said in trim_fails(scene, folder / "rough.npy", output=tmp_path / "out", capsys=capsys)
-
-
-def test_unknown_endings(ball, tmp_path, capsys):
-    folder, _ = ball
-    (tmp_path / "scene.obj").write_text("v 0 0 0\n")
-    said = trim_fails(tmp_path / "scene.obj", folder / "rough.npy", output=tmp_path / "out", capsys=capsys)
-    assert "known endings" in said
-    said = trim_fails(
-        folder / "scene.ply", folder / "rough.npy", "--format", "obj", output=tmp_path / "out", capsys=capsys
-    )
-    assert "Unknown format 'obj'" in said
-
-
-@pytest.mark.parametrize(
-    ("name", "make", "said"),
-    [
-        ("empty.npy", lambda n: np.zeros(n, bool), "selects none"),
-        ("full.npy", lambda n: np.ones(n, bool), "selects all"),
-        ("short.npy", lambda n: np.ones(n - 1, bool), "entries"),
-        ("scores.npy", lambda n: np.linspace(0, 1, n), "--set selection.threshold"),
-        ("matrix.npy", lambda n: np.ones((3, n), bool), "is not a selection"),
-        ("beyond.npy", lambda n: np.array([1, 2, n]), "row numbers 0 to"),
-        ("pickled.npy", lambda n: np.array([{}], object), "pickled.npy"),
-    ],
-)
-def test_wrong_selections(name, make, said, ball, tmp_path, capsys):
-    folder, scene = ball
-    np.save(tmp_path / name, make(len(scene)), allow_pickle=True)
-    assert said in trim_fails(folder / "scene.ply", tmp_path / name, output=tmp_path / "out", capsys=capsys)
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--sam", "nowhere"], "nowhere"),
-        (["--masks", "masks"], "--cameras"),
-        (["--cameras", "nowhere"], "nowhere"),
-        (["--set", "selection.object-id=3"], "object"),
-    ],
-)
-def test_wrong_options(options, said, ball, tmp_path, capsys):
-    folder, _ = ball
-    scene, rough = folder / "scene.ply", folder / "rough.npy"
-    assert said in trim_fails(scene, rough, *options, output=tmp_path / "out", capsys=capsys)
-
-
-def test_output_that_cannot_be_written(ball, tmp_path, capsys):
-    folder, _ = ball
-    (tmp_path / "file").write_text("in the way")
-    for output in (tmp_path / "file", tmp_path / "file" / "below"):
-        said = trim_fails(folder / "scene.ply", folder / "rough.npy", output=output, capsys=capsys)
-        assert "choose another" in said
-    assert (tmp_path / "file").read_text() == "in the way"
+def test_bad_input_is_one_sentence_and_leaves_no_trace(words, said, files, capsys, monkeypatch):
+    monkeypatch.chdir(files)
+    before = {path: path.stat().st_mtime_ns for path in files.rglob("*")}
+    output = [] if "--output" in words else ["--output", "out"]
+    assert run("trim", *words.split(), *output, *SMALL) == 2
+    printed = capsys.readouterr().err
+    assert said in printed and printed.endswith(".\n") and printed.count("\n") == 1
+    assert {path: path.stat().st_mtime_ns for path in files.rglob("*")} == before

@@ -141,22 +141,6 @@ def test_with_one_label_only_there_is_nothing_to_correct(label):
     np.testing.assert_array_equal(corrected(thing, np.full_like(red, label)), np.full(len(red), float(label)))
 
 
-def test_permuting_gaussians_permutes_probabilities():
-    thing, _ = patch(noise=0.1)
-    rough = thing.means[:, 0] < 0.1
-    seen = np.random.default_rng(5).uniform(0, 10, len(thing)).astype(np.float32)
-    order = np.random.default_rng(6).permutation(len(thing))
-    permuted = corrected(thing.select(order), rough[order], seen[order])
-    np.testing.assert_allclose(permuted, corrected(thing, rough, seen)[order], atol=1e-3)
-
-
-def test_units_do_not_matter():
-    thing, _ = patch(noise=0.1)
-    rough = thing.means[:, 0] < 0.1
-    scaled = corrected(thing.replace(means=1000 * thing.means), rough, radius=1000.0)
-    np.testing.assert_allclose(scaled, corrected(thing, rough), atol=1e-3)
-
-
 @pytest.mark.parametrize("n", [2, 3, 17])
 def test_fewer_gaussians_than_neighbours(n):
     thing = gaussians(np.arange(3.0 * n).reshape(n, 3), (0.1,) * 3, np.linspace(RED, BLUE, n))

@@ -70,14 +70,6 @@ def test_haze_and_posts_are_no_walls(change):
     assert restricted(*with_wall(0, **change), config) is config
 
 
-@pytest.mark.parametrize(("scale", "shift", "opposite"), [(100.0, (0, 0, 0), 180), (0.01, (3, -2, 1), 180)])
-def test_units_and_place_do_not_matter(scale, shift, opposite):
-    scene, truth = with_wall(90)
-    plan = restricted(moved(scene, np.eye(3), scale, shift), truth)
-    assert plan.yaw_range_degrees == pytest.approx(restricted(scene, truth).yaw_range_degrees, abs=0.5)
-    assert np.mean(plan.yaw_range_degrees) % 360 == pytest.approx(90 + opposite, abs=STEP / 2)
-
-
 def test_a_turned_scene_is_seen_from_the_same_side():
     rotation = any_rotation(3)
     scene, truth = with_wall(0)

@@ -106,18 +106,3 @@ def test_the_view_that_sees_most_of_the_minor_side_cuts():
         assert both.rows.tolist() == [0]
         np.testing.assert_allclose(both.offsets, alone.offsets)
         np.testing.assert_allclose(both.minor_weight, alone.minor_weight)
-
-
-def test_rows_ascend_and_follow_a_permutation_of_the_gaussians():
-    rng = np.random.default_rng(0)
-    means = np.stack([rng.uniform(-0.3, 0.3, 12), np.linspace(-1.2, 1.2, 12), rng.uniform(-0.2, 0.2, 12)], 1)
-    thing = gaussians(means, (0.3, 0.1, 0.1), GREY)
-    found = straddlers(thing)
-    assert len(found.rows) >= 6
-    assert (np.diff(found.rows) > 0).all()
-    order = rng.permutation(12)
-    permuted = straddlers(thing.select(order))
-    back = np.argsort(order[permuted.rows])
-    np.testing.assert_array_equal(order[permuted.rows][back], found.rows)
-    np.testing.assert_allclose(permuted.offsets[back], found.offsets, atol=1e-6)
-    np.testing.assert_allclose(permuted.normals[back], found.normals, atol=1e-6)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from toy import BLUE, RED, WHITE, any_rotation, gaussians
+from toy import BLUE, RED, WHITE, gaussians
 
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
@@ -90,14 +90,6 @@ def test_the_table_is_found_where_the_selection_takes_some_of_it_or_leaves_out_t
     near = np.abs(thing.scene.means[:, :2]).max(axis=1) < 0.5
     rough = thing.of(BLOCK) & (z > -0.6 + sunk) if sunk > 0 else thing.of(BLOCK) | (thing.of(TABLE) & near)
     assert support(thing, rough).on_surface[thing.of(TABLE)].all()
-
-
-def test_height_is_measured_along_the_up_axis_of_the_bounds():
-    thing, rotation = desk(), any_rotation(2)
-    turned = replace(thing, scene=thing.scene.replace(means=(thing.scene.means @ rotation.T).astype(np.float32)))
-    straight, found = support(thing, thing.of(BLOCK)), support(turned, thing.of(BLOCK), bounds(axes=rotation.T))
-    np.testing.assert_array_equal(found.on_surface[thing.of(TABLE)], True)
-    assert np.mean(found.above == straight.above) > 0.99
 
 
 def test_there_is_none_in_a_cloud():

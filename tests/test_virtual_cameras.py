@@ -226,15 +226,6 @@ def test_a_huge_gaussian_does_not_widen_the_bounds_of_large_ones():
     np.testing.assert_allclose(robust_bounds(with_huge, up_frame(UP)).half_extents, expected, atol=0.05)
 
 
-def test_clusters_follow_a_permutation_and_do_not_depend_on_units():
-    thing, _ = blobs(500, 300, 60)
-    order = np.random.default_rng(1).permutation(len(thing))
-    rows = dominant_cluster(thing)
-    assert 0.5 < rows.mean() < 1
-    np.testing.assert_array_equal(dominant_cluster(thing.select(order)), rows[order])
-    np.testing.assert_array_equal(dominant_cluster(moved(thing, np.eye(3), 2.0**10)), rows)
-
-
 def test_a_huge_gaussian_touches_no_more_than_a_typical_one():
     body = gaussians(np.stack([np.linspace(0, 1, 12), np.zeros(12), np.zeros(12)], 1), 0.1, RED)
     huge = gaussians([[3.0, 0, 0]], 2.0, RED)
