@@ -72,7 +72,7 @@ def add_arguments(parser: Parser) -> None:
     address = "Address of the Ray cluster, or auto for the one that this machine is part of; by default one is started"
     parser.add_argument("--address", metavar="ADDRESS", help=address)
     shard = "Only this machine's share of the items: number I, from 1, of N machines"
-    parser.add_argument("--shard", metavar="I/N", help=shard)
+    parser.add_argument("--shard", metavar="I/N", default="1/1", help=shard)
     add_printing(parser)
 
 
@@ -112,7 +112,8 @@ def run(arguments: Namespace) -> None:
     lost = f", {len(failures)} failed" if failures else ""
     console.print(f"{len(mine) - len(failures)} of {len(mine)} done{found}{lost}; see {output / SUMMARY}.")
     print_json(arguments, {"folder": str(output), "items": rows})
-    for first, failure in failures.items():
+    if failures:
+        first, failure = next(iter(failures.items()))
         why = f", since: {failure}" if console.quiet else "."  # else that has been printed
         raise InputError(
             f"{len(failures)} of {len(mine)} items failed, the first is {first}{why} All are in {output / SUMMARY}."
@@ -154,10 +155,8 @@ def items_of(arguments: Namespace) -> list[Item]:
     return items
 
 
-def _shard(text: str | None) -> tuple[int, int]:
+def _shard(text: str) -> tuple[int, int]:
     """Return the number of this machine, from 1, and that of all."""
-    if text is None:
-        return 1, 1
     found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
     if found is None or not 1 <= int(found[1]) <= int(found[2]):
         raise InputError(f"The shard is {clip_name(text)}; give i/n with i from 1 to n.")
