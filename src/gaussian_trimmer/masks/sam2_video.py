@@ -36,12 +36,12 @@ class Sam2Video:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._torch, self._transformers = _import_libraries()
+        self._torch, transformers = _import_libraries()
         cuda, metal = self._torch.cuda.is_available(), self._torch.backends.mps.is_available()
         self._device = self._torch.device("cuda" if cuda else "mps" if metal else "cpu")
         fast = cuda and self._torch.cuda.is_bf16_supported(including_emulation=False)
         self._dtype = self._torch.bfloat16 if fast else self._torch.float32
-        self.model = _load_model(self._transformers, folder, self._dtype).to(self._device)
+        self.model = _load_model(transformers, folder, self._dtype).to(self._device)
         self._side = int(self.model.config.prompt_encoder_config.image_size)
 
     def follow(self, views: Sequence[View]) -> list[FloatArray]:
@@ -65,7 +65,7 @@ class Sam2Video:
 
     def _open_session(self, views: Sequence[View]) -> Any:
         height, width = views[0].alpha.shape
-        return self._transformers.Sam2VideoInferenceSession(
+        return import_module(type(self.model).__module__).Sam2VideoInferenceSession(
             video=self._torch.stack([self._pixels(view) for view in views]),
             video_height=height,
             video_width=width,
