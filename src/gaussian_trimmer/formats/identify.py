@@ -279,7 +279,7 @@ def _latest_splats(folder: Path) -> Path:
         return folder / STREAMED
     for place in (folder / "point_cloud", folder):
         iterations = [
-            (int(found[1]), path) for path in _entries(place) if (found := _ITERATION_NAME.fullmatch(path.name))
+            (int(found[1]), path) for path in place.glob("*") if (found := _ITERATION_NAME.fullmatch(path.name))
         ]
         for _, path in sorted(iterations, reverse=True):
             for name in _SPLAT_NAMES:
@@ -288,10 +288,10 @@ def _latest_splats(folder: Path) -> Path:
     named = [folder / name for name in _SPLAT_NAMES if (folder / name).is_file()]
     if len(named) == 1:
         return named[0]
-    if (folder / "meta.json").is_file() and any(path.suffix == ".webp" for path in _entries(folder)):
+    if (folder / "meta.json").is_file() and any(folder.glob("*.webp")):
         return folder / "meta.json"
     splats = named or [
-        path for path in _entries(folder) if path.name.lower().endswith(tuple(FORMATS)) and path.is_file()
+        path for path in folder.glob("*") if path.name.lower().endswith(tuple(FORMATS)) and path.is_file()
     ]
     if len(splats) == 1:
         return splats[0]
@@ -299,17 +299,13 @@ def _latest_splats(folder: Path) -> Path:
         names = ", ".join(sorted(path.name for path in splats)[:8])
         raise InputError(f"The folder '{folder}' holds several splat files ({names}); give one of them.")
     for place in (*(folder / name for name in _CHECKPOINT_FOLDERS), folder):
-        steps = [(int(found[1]), path) for path in _entries(place) if (found := _CHECKPOINT_NAME.fullmatch(path.name))]
+        steps = [(int(found[1]), path) for path in place.glob("*") if (found := _CHECKPOINT_NAME.fullmatch(path.name))]
         if steps:
             return max(steps)[1]
     raise InputError(
         f"The folder '{folder}' holds no splat file, no point_cloud/iteration_* and no checkpoint such as "
         f"{_CHECKPOINT_FOLDERS[0]}/step-*.ckpt; give the folder of a training or a splat file."
     )
-
-
-def _entries(folder: Path) -> list[Path]:
-    return list(folder.iterdir()) if folder.is_dir() else []
 
 
 def _latest(paths: Iterable[Path]) -> list[Path]:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.packing import (
@@ -54,12 +52,6 @@ def read(path: Path) -> Gaussians:
 
 def write(gaussians: Gaussians, path: Path) -> None:
     """Write a .splat file in the given order; colours are clipped to 0 ... 1 and lose their view-dependent part."""
-    with atomic_file(path) as part, part.open("wb") as file:
-        write_array(file, rows_of(gaussians))
-
-
-def rows_of(gaussians: Gaussians) -> NDArray[Any]:
-    """Return what a .splat file holds of Gaussians, (N,) of `ROW`."""
     unit = gaussians.quaternions / np.linalg.norm(gaussians.quaternions, axis=1, keepdims=True)
     rows = np.empty(len(gaussians), ROW)
     rows["mean"] = gaussians.means
@@ -67,4 +59,5 @@ def rows_of(gaussians: Gaussians) -> NDArray[Any]:
     rows["rgba"][:, :3] = to_levels(colours_of(gaussians.sh_dc), 0.0, 1.0, 8)
     rows["rgba"][:, 3] = opacity_bytes(gaussians)
     rows["rotation"] = np.clip(np.rint(unit * 128.0 + 128.0), 0, 255)
-    return rows
+    with atomic_file(path) as part, part.open("wb") as file:
+        write_array(file, rows)
