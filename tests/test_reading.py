@@ -1,5 +1,6 @@
 """Files are read whole, within bounds, and refused if they change; pictures are measured before they are decoded."""
 
+import itertools
 import os
 import struct
 import zipfile
@@ -82,17 +83,13 @@ def test_what_cannot_be_measured_is_not_decoded(data, tmp_path, monkeypatch):
         mask_of(camera(), tmp_path)
 
 
-@pytest.mark.parametrize("size", [(30_000, 30_000), (60_000, 60_000), (40_000, 10)])
+@pytest.mark.parametrize("size", [(30_000, 30_000), (60_000, 60_000)])
 def test_pictures_are_measured_before_they_are_decoded(size, tmp_path, monkeypatch):
     (tmp_path / "a.png").write_bytes(png(*size, depth=1))
     monkeypatch.setattr(cv2, "imdecode", None)
-    for read in (mask_of, ids_of):
-        with pytest.raises(InputError, match="pixels, but its camera has 24 x 16"):
-            read(camera(), tmp_path)
-    large = camera(width=size[0], height=size[1])
-    if size[1] > 10:
-        with pytest.raises(InputError, match="pixels, too many to decode"):
-            mask_of(large, tmp_path)
+    for read, seen in itertools.product((mask_of, ids_of), (camera(), camera(width=size[0], height=size[1]))):
+        with pytest.raises(InputError, match="pixels, too many"):
+            read(seen, tmp_path)
 
 
 class TestNamesOfCameras:
