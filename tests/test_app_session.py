@@ -22,7 +22,6 @@ from gaussian_trimmer.app.files import save
 from gaussian_trimmer.app.session import (
     Cancelled,
     Session,
-    is_project,
     project_as_json,
     read_project,
     restore,
@@ -31,6 +30,7 @@ from gaussian_trimmer.app.session import (
 from gaussian_trimmer.app.snapshots import PALETTE, TrimChoices
 from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.errors import InputError, OutputExistsError
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import SH_C0
 from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Rows, Sphere, Stroke, read_marks, write_marks
 from gaussian_trimmer.selecting.select import select
@@ -295,7 +295,7 @@ def test_a_project_brings_objects_and_marks_back(session, tmp_path):
     mark(session, FLOOR)
     path = tmp_path / "new" / "a.json"
     write_private(path, project_as_json(session.now, path.parent))
-    assert is_project(path)
+    assert identify(path).kind == "project"
     assert [stat.S_IMODE(each.stat().st_mode) for each in (path.parent, path)] == [0o700, 0o600]
     project = read_project(path)
     assert project.scene == session.document.path and project.cameras == session.document.camera_path

@@ -15,7 +15,6 @@ import numpy as np
 from gaussian_trimmer.app import edits, files, page
 from gaussian_trimmer.app.jobs import STAGES_OF_A_TRIM, Jobs
 from gaussian_trimmer.app.page import Action
-from gaussian_trimmer.app.session import is_project
 from gaussian_trimmer.app.tools import Tools
 from gaussian_trimmer.app.viewpoints import PARTS, Event, doubts, first_look, framed
 from gaussian_trimmer.cameras import Point, look_at
@@ -192,7 +191,7 @@ class Controller:
         """Take a file that was dropped or chosen, for what it is; a part of the open scene is a selection of it."""
         try:
             path = self._files.store(name, content)
-            splats, project = identify(path).kind in ("splats", "torch"), is_project(path)
+            kind = identify(path).kind
         except InputError as error:
             self.panels.say(str(error), wrong=True)
             return
@@ -200,9 +199,9 @@ class Controller:
             self.panels.camera_path.value = str(path)
             if self.session.glance() is not None:
                 self._use_cameras(client)
-        elif project or (splats and self.session.glance() is None):
+        elif kind == "project" or (kind in ("splats", "torch") and self.session.glance() is None):
             self.open(client, str(path))
-        elif splats:
+        elif kind in ("splats", "torch"):
             self.jobs.do("Loading", lambda: self._load_or_open(path, client), Event.OPENED)
         else:
             self.load(str(path))

@@ -16,7 +16,6 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.app.session import (
     Session,
     autosave_path,
-    is_project,
     project_as_json,
     read_project,
     restore,
@@ -24,6 +23,7 @@ from gaussian_trimmer.app.session import (
 )
 from gaussian_trimmer.app.snapshots import Document, MarkedObject, Progress, Snapshot
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.io.folders import atomic_folder
 from gaussian_trimmer.io.writing import safe_file_name
 from gaussian_trimmer.output.engines import ENGINES, EngineName, PlacingOptions
@@ -55,7 +55,7 @@ class Files:
         A project is opened in the open scene if that is the project's, else in the scene that it names.
         """
         session, project = self._session, None
-        if is_project(path):
+        if identify(path).kind == "project":
             project, now = read_project(path), session.glance()
             if now is not None and len(now.document.scene) == project.scene_size:
                 return session.do(restore, project, progress)

@@ -17,7 +17,7 @@ from gaussian_trimmer._version import __version__
 from gaussian_trimmer.app.edits import Change, check_name, understood_with
 from gaussian_trimmer.app.snapshots import Document, MarkedObject, Progress, Snapshot
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.identify import PROJECT, identify
+from gaussian_trimmer.formats.identify import PROJECT
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import read_json
 from gaussian_trimmer.io.writing import make_folder, write_whole
@@ -203,11 +203,6 @@ def project_as_json(now: Snapshot, folder: Path) -> str:
         "objects": {part.name: marks_as_json(replace(now.basis, marks=part.marks), folder) for part in now.objects},
     }
     return json.dumps(plain, indent=1, allow_nan=False)
-
-
-def is_project(path: Path) -> bool:
-    """Tell whether a file is a project, as far as its beginning tells."""
-    return identify(path).kind == "project"
 
 
 def read_project(path: Path) -> Project:

@@ -19,7 +19,6 @@ from gaussian_trimmer.gaussians import (
     BoolArray,
     Float64Array,
     FloatArray,
-    IntArray,
     ellipsoid_points,
     mask_of_rows,
 )
@@ -196,12 +195,8 @@ def _pieces_at(scene: ViewedScene, target: Target, visible: FloatArray, extents:
     ellipsoids = ellipsoid_points(gaussians.select(near))
     points, of = (ellipsoids.reshape(-1, 3) - target.point) @ frame.T, np.repeat(near, ellipsoids.shape[1])
     pieces = pieces_on_plane(points, target.seeds[of], visible[of], scale, windows)
-    return [_majority_of_points(piece, of, len(positions)) for piece in pieces]
-
-
-def _majority_of_points(points: BoolArray, of: IntArray, count: int) -> BoolArray:
-    """Return which Gaussians (count,) have more than half of their points, given by `of` (P,), among some (P,)."""
-    return np.asarray(2 * np.bincount(of, points, count) > np.bincount(of, minlength=count))
+    each, n = np.bincount(of, minlength=len(positions)), len(positions)
+    return [2 * np.bincount(of, piece, n) > each for piece in pieces]  # those with more than half of their points
 
 
 def _visible_around(scene: ViewedScene, target: Target) -> FloatArray:

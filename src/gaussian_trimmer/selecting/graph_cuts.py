@@ -93,21 +93,19 @@ def segment_in_box(scene: ViewedScene, box: Box) -> tuple[BoolArray, float]:
     return best, best_overlap
 
 
-def box_overlap(a: Box, b: Box) -> float:
-    """Return the intersection over union of two boxes.
+def fills(mask: BoolArray, box: Box) -> float:
+    """Return the intersection over union of a mask's bounding box and a box; zero for an empty mask.
 
-    >>> box_overlap((0, 0, 2, 2), (1, 0, 3, 2))
+    >>> fills(np.array([[True, True, False]]), (1, 0, 3, 1))
     0.3333333333333333
     """
-    width, height = (min(a[k + 2], b[k + 2]) - max(a[k], b[k]) for k in (0, 1))
+    if not mask.any():
+        return 0.0
+    own = bounding_box(mask)
+    width, height = (min(own[k + 2], box[k + 2]) - max(own[k], box[k]) for k in (0, 1))
     shared = max(width, 0) * max(height, 0)
-    areas = [(box[2] - box[0]) * (box[3] - box[1]) for box in (a, b)]
+    areas = [(one[2] - one[0]) * (one[3] - one[1]) for one in (own, box)]
     return shared / (sum(areas) - shared)
-
-
-def fills(mask: BoolArray, box: Box) -> float:
-    """Return the intersection over union of a mask's bounding box and a box; zero for an empty mask."""
-    return box_overlap(bounding_box(mask), box) if mask.any() else 0.0
 
 
 def _pieces(cut: SurfaceCut, allowed: BoolArray, camera: Camera) -> list[BoolArray]:

@@ -12,7 +12,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.geometry.graphs import nearest
 from gaussian_trimmer.rendering import blend_weights, render, top_contributors
-from gaussian_trimmer.selecting.marks import Box3D, Coordinates, Sphere, Stroke
+from gaussian_trimmer.selecting.marks import Box3D, Sphere, Stroke
 from gaussian_trimmer.surface.viewed_scene import CONTRIBUTORS, small_view, surface_depths, surface_points
 from gaussian_trimmer.views.view import HALF, MIN_SEEN_PIXELS
 
@@ -32,7 +32,8 @@ def inside_shape(means: FloatArray, shape: Box3D | Sphere, up: Float64Array) -> 
     Raises:
         InputError: the box is empty, or the radius is not above zero.
     """
-    points = _in_coordinates(means, shape.coordinates, up)
+    points = means.astype(np.float64)
+    points = points @ up_frame(up).T if shape.coordinates == "up" else points
     if isinstance(shape, Box3D):
         low, high = np.array(shape.low, np.float64), np.array(shape.high, np.float64)
         if not (low < high).all():
@@ -93,11 +94,6 @@ def _reach(means: FloatArray, selection: BoolArray, spacings: float, what: str) 
         return 0.0
     squared, _ = nearest(selected, selected, 2)
     return float(spacings * np.sqrt(np.median(squared[:, 1])))
-
-
-def _in_coordinates(means: FloatArray, coordinates: Coordinates, up: Float64Array) -> Float64Array:
-    points = means.astype(np.float64)
-    return points @ up_frame(up).T if coordinates == "up" else points
 
 
 def drawn_over(stroke: Stroke) -> tuple[Camera, BoolArray]:
