@@ -177,8 +177,11 @@ def save(
             progress=progress,
         )
         progress("write")
-        for_report = _description(now, format, together) | {"placing": to_plain(placing)}
-        report = describe(result, for_report, suffix=suffix)
+        cameras = str(document.camera_path.absolute()) if document.camera_path else None
+        given: dict[str, Any] = {"scene": str(document.path.absolute()), "cameras": cameras, "format": format}
+        given |= {} if together else {"name": now.object.name, "marks": MARKS}
+        given["placing"] = to_plain(placing)
+        report = describe(result, given, suffix=suffix)
         if not together:
             report["command"] = _command(now, folder, format, engine)
         write_trim(result, report, results, suffix)
@@ -240,11 +243,3 @@ def _inputs(document: Document, objects: Sequence[MarkedObject]) -> list[Path]:
     for mark in (mark for part in objects for mark in part.marks):
         given += [mark.path] if isinstance(mark, FromFile) else [mark.folder] if isinstance(mark, FromMasks) else []
     return [path for path in given if path is not None and (path.is_file() or path is not document.camera_path)]
-
-
-def _description(now: Snapshot, format: str | None, together: bool) -> dict[str, Any]:
-    """Return where the results came from, for the report."""
-    document = now.document
-    cameras = str(document.camera_path.absolute()) if document.camera_path else None
-    own = {} if together else {"name": now.object.name, "marks": MARKS}
-    return {"scene": str(document.path.absolute()), "cameras": cameras, "format": format, **own}
