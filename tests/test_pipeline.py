@@ -66,7 +66,7 @@ def test_both_pieces_of_a_selection_are_kept(apart, n_second):
     result = trim(concatenate([SCENE, second]), truth, config=small_config(split=WHOLE))
     assert (result.objects[0].refused, result.objects[0].floaters) == (None, 0)
     assert object_rows(result)[len(SCENE) :].mean() > 0.98
-    assert jaccard(object_rows(result), truth) > 0.97
+    assert jaccard(object_rows(result), truth) > 0.96
 
 
 def test_floaters_are_counted_and_left_to_the_background():

@@ -18,13 +18,13 @@ from gaussian_trimmer.gaussians import (
     concatenate,
     mask_of_rows,
 )
-from gaussian_trimmer.geometry.bounds import Bounds, touching
+from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds, touching
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering import Rendering, blend_values, render
 from gaussian_trimmer.trimming.arguments import Setup, same_cameras
 from gaussian_trimmer.trimming.config import CONTEXT_RADIUS
+from gaussian_trimmer.views.by_sight import ChosenViews, choose_views
 from gaussian_trimmer.views.observed_angles import cameras_that_see
-from gaussian_trimmer.views.observed_side import limit_yaw_to_observed
 from gaussian_trimmer.views.view import HALF, View, bounding_box, clearly_nearer, visible_weight
 from gaussian_trimmer.views.virtual_cameras import plan_cameras
 
@@ -56,6 +56,8 @@ class SceneCrop:
     """Whether the cameras are virtual ones that were planned for the object."""
     pictured: bool
     """Whether there are masks of pictures from the cameras, which show more than the scene does."""
+    chosen: ChosenViews | None = None
+    """Where the cameras were chosen by what they show, the directions, the best first."""
 
     @cached_property
     def local(self) -> Gaussians:
@@ -99,13 +101,13 @@ def crop_scene(setup: Setup, selection: BoolArray, excluded: BoolArray, up: Floa
     known = training_cameras(setup.cameras)
     virtual, bounds = plan_cameras(scene.select(selection), up, config.plan, known)
     rows, selected = _surroundings(scene, selection, bounds, config.context_radius)
-    cameras, whole_bounds = virtual, bounds
+    cameras, whole_bounds, chosen = virtual, bounds, None
     if setup.view_cameras:
         cameras = list(setup.view_cameras)
-    elif not cameras_that_see(known, bounds):
-        plan = limit_yaw_to_observed(scene, selection, bounds, config.plan)
-        if plan is not config.plan:
-            cameras, bounds = plan_cameras(scene.select(rows[selected]), up, plan)
+    elif config.plan.is_free and not cameras_that_see(known, bounds):
+        bounds = robust_bounds(scene.select(rows[selected]), bounds.axes)
+        chosen = choose_views(scene, rows[selected], bounds, max(config.plan.views, config.refinement.views))
+        cameras = chosen.cameras(config.plan.views, config.plan.size, config.plan.fov_degrees, config.plan.fill)
     masked = [camera for camera, _ in setup.masks or ()]
     pictured = bool(masked) and not same_cameras(masked, cameras)
     if pictured:
@@ -125,6 +127,7 @@ def crop_scene(setup: Setup, selection: BoolArray, excluded: BoolArray, up: Floa
         scene.select(occluding),
         planned,
         pictured,
+        chosen if planned else None,
     )
 
 

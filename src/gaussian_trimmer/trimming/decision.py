@@ -26,8 +26,12 @@ from gaussian_trimmer.trimming.label_crf import correct_labels
 from gaussian_trimmer.trimming.paper import vote
 from gaussian_trimmer.trimming.straddlers import split_straddlers
 from gaussian_trimmer.trimming.up_vector import UpVector, find_up
-from gaussian_trimmer.views.small_views import close_up_of, views_at_heights
+from gaussian_trimmer.views.small_views import FAR_FOV_DEGREES, close_up_of, views_at_heights
 from gaussian_trimmer.views.view import HALF, TrimmedView, View, without_pictures
+from gaussian_trimmer.views.virtual_cameras import PlanConfig
+
+_LEAST_FREE_VIEWS = 3
+"""Directions that show at least half of an object, of those that are tried: with fewer its other sides are a guess."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +138,19 @@ def _plan(setup: Setup, rough: RoughObject) -> Decision:
     doubt = setup.up_warning
     if setup.up is None and not wrong:
         doubt = up_warning(scene, selection, up)
-    found = (selection_warning(scene, selection), doubt)
+    found = (selection_warning(scene, selection), doubt, _sight_warning(crop))
     return Decision(rough, crop, up, tuple(warning for warning in found if warning), refused=wrong)
+
+
+def _sight_warning(crop: SceneCrop) -> str | None:
+    """Say that the scene hides the object from nearly everywhere, a sentence; None if it does not."""
+    if crop.chosen is None or crop.chosen.free >= _LEAST_FREE_VIEWS:
+        return None
+    best = np.degrees(crop.chosen.yaws[0]) % 360
+    return (
+        f"Only {crop.chosen.free} of the directions that were tried show half of the object, best of all that at "
+        f"{best:.0f} degrees: look at its other sides."
+    )
 
 
 def _excluded(setup: Setup, rough: RoughObject) -> BoolArray:
@@ -158,6 +173,8 @@ def _outline_views(
         cameras = [camera for camera, _ in close]
         if crop.pictured:
             masks = [resized_mask(v.mask[part], camera) for v, (camera, part) in zip(accepted, close, strict=True)]
+    elif crop.chosen:
+        cameras = crop.chosen.cameras(settings.views, settings.size, FAR_FOV_DEGREES, PlanConfig.fill)
     else:
         known = training_cameras(setup.cameras)
         cameras = views_at_heights(bounds, crop.cameras, known, settings.views, settings.size)

@@ -13,7 +13,7 @@ from gaussian_trimmer.views.camera_rings import NEAR_RADII, Lens, framing_distan
 from gaussian_trimmer.views.observed_angles import FULL_CIRCLE_GAP, MAX_PITCH, cameras_that_see, widest_gap
 from gaussian_trimmer.views.virtual_cameras import PlanConfig
 
-_FOV_DEGREES = 20.0
+FAR_FOV_DEGREES = 20.0
 """Field of view. Training cameras are farther away than views that frame an object in a wide lens, and what
 was trained from afar is not right in their perspective: an outline that is fitted in wide views shrinks."""
 _PITCH_STEPS = (-20.0, 0.0, 20.0, 40.0)
@@ -56,7 +56,7 @@ def views_at_heights(
     heights = np.radians(np.clip(pitch + np.array(_PITCH_STEPS), min(low, pitch), max(high, pitch)))
     # One after the other at the next height, a step of yaw farther: as seen from above they are evenly spread.
     places = first + span * (np.arange(count) + 0.5) / count
-    pitches, fov = heights[np.arange(count) % len(heights)], float(np.radians(_FOV_DEGREES))
+    pitches, fov = heights[np.arange(count) % len(heights)], float(np.radians(FAR_FOV_DEGREES))
     distance = framing_distance(bounds, places, pitches, fov, PlanConfig.fill)
     return ring(bounds.centre, bounds.axes, distance, places, pitches, Lens(size, fov, NEAR_RADII * bounds.radius))
 

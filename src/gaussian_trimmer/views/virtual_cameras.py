@@ -44,6 +44,11 @@ class PlanConfig:
     lambda_2: _Lambda = 6.0
     """Distance per vertical extent (`literal`, eq. 3)."""
 
+    @property
+    def is_free(self) -> bool:
+        """Whether the views may be chosen by what they show, since nothing is said of where they stand."""
+        return self.framing == "fit" and self.pitch_degrees is None and self.yaw_range_degrees is None
+
 
 def plan_cameras(
     target: Gaussians, up: Float64Array, config: PlanConfig = PlanConfig(), training_cameras: Sequence[Camera] = ()
