@@ -38,6 +38,8 @@ class ObjectRender:
 
     alone: Drawing
     """The object by itself."""
+    scene: Drawing
+    """The object and what is around it."""
     picture: FloatArray
     """Colours of the scene, (3, H, W). Without a mask only tiles that the object reaches are drawn."""
     share: FloatArray
@@ -83,7 +85,7 @@ class OutlineViews:
         unknown = clearly_nearer(together.depth, depth, self.radius) & ~consistent
         if self.ground is not None:
             unknown &= ~self.ground.pixels_below(camera, depth)
-        return ObjectRender(alone, together.image[:3], share, mask, consistent, unknown)
+        return ObjectRender(alone, together, together.image[:3], share, mask, consistent, unknown)
 
 
 def coverage_target(render: ObjectRender) -> Target:

@@ -7,15 +7,17 @@ behind them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.parallel import parallel_map
+from gaussian_trimmer.rendering.gradients import draw
 from gaussian_trimmer.settings import Share, Weight
 from gaussian_trimmer.trimming.alpha_targets import ObjectRender, OutlineViews
-from gaussian_trimmer.views.view import HALF
+from gaussian_trimmer.views.view import HALF, clearly_nearer
 
 
 @dataclass(frozen=True)
@@ -98,9 +100,41 @@ def prune(
     consistent, seen, shown = np.sum(list(parallel_map(_weights, renders)), axis=0).T
     rows = np.concatenate([whole, parts.split])
     gone = (consistent < min_share * shown) | (~selection[rows] & (seen < HALF * shown))
+    joining = np.flatnonzero(~selection[rows] & ~gone)
+    if len(joining):
+        chosen = selection[rows]
+        gone[joining] = _behind(concatenate(inside), chosen, joining, views.radius, renders)
     lost = np.zeros(len(gaussians), np.bool_)
     lost[rows] = gone
     return parts.without(lost)
+
+
+def _behind(
+    inner: Gaussians, chosen: BoolArray, joining: IntArray, radius: float, renders: Sequence[ObjectRender]
+) -> BoolArray:
+    """Return which Gaussians the rest of the object hides even in the view that shows most of them, (J,).
+
+    They shine through it, as the wall does behind a cupboard. What lies in its surface beside others is not hidden.
+
+    Args:
+        inner: the object with what joins it, M Gaussians.
+        chosen: which of them are selected, (M,).
+        joining: rows of those that join, (J,).
+        radius: the object's radius in scene units.
+        renders: views of it.
+    """
+    some, rest = inner.select(joining), inner.select(chosen)
+
+    def of_view(render: ObjectRender) -> FloatArray:
+        bare, before = draw(some, render.alone.camera), draw(rest, render.alone.camera)
+        covered = before.image[3] > HALF
+        beside = covered & ~clearly_nearer(before.depth, bare.depth, radius)
+        shown = render.scene.weigh(np.ones((1, *covered.shape), np.float32))[joining, 0]
+        return np.stack([shown, bare.weigh((~beside)[None].astype(np.float32))[:, 0]])
+
+    shown, bare = np.stack(list(parallel_map(of_view, renders)), axis=1)  # (views, J) each
+    best = shown.argmax(axis=0), np.arange(len(joining))
+    return np.asarray(shown[best] < HALF * bare[best])
 
 
 def _weights(render: ObjectRender) -> FloatArray:
