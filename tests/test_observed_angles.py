@@ -6,8 +6,7 @@ from toy import CENTRE, UP, ball_on_floor
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at, up_frame
 from gaussian_trimmer.geometry.bounds import robust_bounds
-from gaussian_trimmer.views.observed_angles import cameras_that_see
-from gaussian_trimmer.views.virtual_cameras import plan_cameras
+from gaussian_trimmer.views.virtual_cameras import cameras_that_see, plan_cameras
 
 SCENE, TRUTH = ball_on_floor(n_floaters=0)
 BALL = SCENE.select(TRUTH)

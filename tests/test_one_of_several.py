@@ -89,7 +89,7 @@ def test_a_selection_that_is_refused_is_returned_as_it_was_whatever_the_way():
 def test_ten_thousand_ids_fit():
     """What is kept of each object is what it has, and not a mask of the scene."""
     from gaussian_trimmer.trimming.arguments import rough_objects
-    from gaussian_trimmer.trimming.overlaps import resolve_overlaps
+    from gaussian_trimmer.trimming.assembly import resolve_overlaps
 
     labels = np.arange(200_000) % 10_001
     rough = rough_objects(labels.astype(np.int32), len(labels))

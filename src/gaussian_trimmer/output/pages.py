@@ -33,7 +33,7 @@ from gaussian_trimmer.output.pictures import (
 )
 from gaussian_trimmer.output.report import changed_settings, flat, sentences
 from gaussian_trimmer.trimming.result import RowLabel, TrimmedObject, TrimResult
-from gaussian_trimmer.views.observed_angles import cameras_that_see
+from gaussian_trimmer.views.virtual_cameras import cameras_that_see
 
 if TYPE_CHECKING:
     from jinja2 import Environment

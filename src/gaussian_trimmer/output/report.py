@@ -15,8 +15,8 @@ from gaussian_trimmer.io.writing import safe_file_name
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.result import THE_OBJECT, RowLabel, TrimmedObject, TrimResult
 from gaussian_trimmer.trimming.up_vector import up_text
-from gaussian_trimmer.views.observed_angles import cameras_that_see, observed_angles
 from gaussian_trimmer.views.small_views import angles_around
+from gaussian_trimmer.views.virtual_cameras import cameras_that_see, observed_angles
 
 _MAX_REACH_DEGREES = 36
 """Degrees of yaw to either side that one view judges at most: half the step of five views on a circle."""

@@ -16,7 +16,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
 from gaussian_trimmer.settings import check_settings
 from gaussian_trimmer.trimming.config import TrimConfig
-from gaussian_trimmer.trimming.stroke_cuts import StrokeCut
+from gaussian_trimmer.trimming.straddlers import StrokeCut
 from gaussian_trimmer.trimming.up_vector import UpVector
 from gaussian_trimmer.views.view import ViewMasks
 

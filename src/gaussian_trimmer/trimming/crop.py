@@ -24,9 +24,8 @@ from gaussian_trimmer.rendering import Rendering, blend_values, render
 from gaussian_trimmer.trimming.arguments import Setup, same_cameras
 from gaussian_trimmer.trimming.config import CONTEXT_RADIUS
 from gaussian_trimmer.views.by_sight import ChosenViews, choose_views
-from gaussian_trimmer.views.observed_angles import cameras_that_see
 from gaussian_trimmer.views.view import HALF, View, bounding_box, clearly_nearer, visible_weight
-from gaussian_trimmer.views.virtual_cameras import plan_cameras
+from gaussian_trimmer.views.virtual_cameras import cameras_that_see, plan_cameras
 
 _MOST_STEPS = 8
 """Limit to the work: steps from Gaussian to touching Gaussian in which what is selected hangs together with the

@@ -18,7 +18,7 @@ from gaussian_trimmer.geometry.limits import lost_places
 from gaussian_trimmer.geometry.planes import median_radius
 from gaussian_trimmer.geometry.storey import find_storey, sampled
 from gaussian_trimmer.trimming.up_vector import KNOWN_SOURCES, UpVector, up_from_ground_plane
-from gaussian_trimmer.views.observed_angles import cameras_that_see
+from gaussian_trimmer.views.virtual_cameras import cameras_that_see
 
 _NEIGHBOURS = 8
 _SAMPLE_SIZE = 500

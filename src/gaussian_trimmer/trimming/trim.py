@@ -27,12 +27,11 @@ from gaussian_trimmer.trimming.arguments import (
     same_cameras,
     settings,
 )
-from gaussian_trimmer.trimming.assembly import assemble_object, assemble_result
+from gaussian_trimmer.trimming.assembly import assemble_object, assemble_result, resolve_overlaps
 from gaussian_trimmer.trimming.clock import LOG, Clock, Progress
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.decision import Decision, decide, look
 from gaussian_trimmer.trimming.diagnosis import up_warning
-from gaussian_trimmer.trimming.overlaps import resolve_overlaps
 from gaussian_trimmer.trimming.result import THE_OBJECT, TrimResult
 from gaussian_trimmer.trimming.up_vector import KNOWN_SOURCES, find_up
 from gaussian_trimmer.views.small_views import views_of_place

@@ -10,8 +10,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.geometry.bounds import BOUND_PERCENTILES, Bounds
 from gaussian_trimmer.views.camera_rings import NEAR_RADII, Lens, framing_distance, ring
-from gaussian_trimmer.views.observed_angles import FULL_CIRCLE_GAP, MAX_PITCH, cameras_that_see, widest_gap
-from gaussian_trimmer.views.virtual_cameras import PlanConfig
+from gaussian_trimmer.views.virtual_cameras import FULL_CIRCLE_GAP, MAX_PITCH, PlanConfig, cameras_that_see, widest_gap
 
 FAR_FOV_DEGREES = 20.0
 """Field of view. Training cameras are farther away than views that frame an object in a wide lens, and what
