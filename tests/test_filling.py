@@ -86,7 +86,7 @@ def test_what_is_hardly_seen_around_the_object_does_not_go_on():
     assert wide.count(RowLabel.FILLED) > 10
     assert wide.objects[0].not_filled is None
     assert not small.count(RowLabel.FILLED)
-    assert "too little" in small.objects[0].not_filled
+    assert "no flat surface" in small.objects[0].not_filled
 
 
 def test_without_a_flat_surface_nothing_is_filled():

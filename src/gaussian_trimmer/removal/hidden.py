@@ -22,8 +22,7 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, IntArray, ellipsoid_points
 from gaussian_trimmer.geometry.graphs import connected_pairs, nearest
-from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
-from gaussian_trimmer.removal.views import RemovalViews
+from gaussian_trimmer.removal.views import THICKNESS_RADII, RemovalViews, Surface, above_all
 from gaussian_trimmer.views.view import TOUCHING_RADII
 
 _MAX_ROUNDS = 3

@@ -23,16 +23,11 @@ from gaussian_trimmer.gaussians import (
 from gaussian_trimmer.removal.relief import copy_relief
 from gaussian_trimmer.removal.shift_map import inpaint_shift_map
 from gaussian_trimmer.removal.surface_picture import PIXELS_A_RADIUS, SurfacePicture, take_picture
-from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface
-from gaussian_trimmer.removal.views import RemovalViews
+from gaussian_trimmer.removal.views import THICKNESS_RADII, RemovalViews, Surface
 from gaussian_trimmer.views.view import HALF_COVERAGE, grown
 
 _RIM_PIXELS = 4
 """Pixels around a hole that are filled, too, since their colours are already those of the object."""
-_RING_PIXELS = 20
-"""Width of the ring around a hole that tells whether a surface goes on there."""
-_MIN_KNOWN_SHARE = 0.15
-"""Smallest share of that ring in which the surface is seen; with less, it was guessed from too little."""
 _MAX_VISIBLE_SHARE = 0.6
 """Blend weight in the scene, relative to that without the object, of Gaussians below the new ones that go."""
 _DEPTH_RADII, _HEIGHT_RADII = 0.6, 0.1
@@ -52,11 +47,10 @@ _LEAST_RELIGHT_FACTOR = 1.02
 
 def inpaint_surfaces(
     views: RemovalViews, surfaces: Sequence[Surface], gone: BoolArray, isolated: FloatArray
-) -> tuple[Gaussians, BoolArray, Float64Array] | None:
+) -> tuple[Gaussians, BoolArray, Float64Array]:
     """Return new Gaussians where the object hid the surfaces, those that they replace (N,), and relight factors (N,).
 
-    The factors are how many times brighter each Gaussian is without the object's shadow, at least 1. None where none of
-    the surfaces that it hid is seen around it.
+    The factors are how many times brighter each Gaussian is without the object's shadow, at least 1.
 
     Args:
         views: the object from all around.
@@ -67,13 +61,10 @@ def inpaint_surfaces(
     gaussians, background = views.gaussians, ~(views.removed | gone)
     visible = views.total_visible > _MAX_VISIBLE_SHARE * isolated
     replaced, factor = np.zeros(len(gaussians), np.bool_), np.ones(len(gaussians))
-    new, unknown = [gaussians.select(slice(0))], False
+    new = [gaussians.select(slice(0))]
     for surface in surfaces:
         picture = take_picture(views, surface, surfaces, isolated, gone)
         if not picture.hole.any():
-            continue
-        if not _is_seen_around(picture):
-            unknown = True
             continue
         hole = grown(picture.hole, _RIM_PIXELS) & ~picture.empty
         rgb, relight = inpaint_shift_map(picture.rgb, picture.known, hole)
@@ -89,15 +80,7 @@ def inpaint_surfaces(
         replaced |= there & ((height > -_HEIGHT_RADII) | ((height > -_DEPTH_RADII) & ~visible))
         in_it = inside & (np.abs(height) < THICKNESS_RADII)
         factor = np.where(in_it, np.maximum(factor, relight[rows, columns]), factor)
-    if unknown and len(new) == 1:
-        return None
     return concatenate(new), replaced, np.where(replaced | (factor < _LEAST_RELIGHT_FACTOR), 1, factor)
-
-
-def _is_seen_around(picture: SurfacePicture) -> bool:
-    """Return whether the surface is seen around its hole; the side of a thing may be as flat as a wall, but ends."""
-    ring = grown(picture.hole, _RING_PIXELS) & ~picture.hole
-    return bool(picture.known[ring].sum() >= _MIN_KNOWN_SHARE * ring.sum())
 
 
 def _where_it_is(picture: SurfacePicture, hole: BoolArray) -> BoolArray:

@@ -22,7 +22,7 @@ from gaussian_trimmer.removal.shift_map import (
     without_shadow,
 )
 from gaussian_trimmer.removal.surface_picture import PIXELS_A_RADIUS, SurfacePicture
-from gaussian_trimmer.removal.surfaces import Surface
+from gaussian_trimmer.removal.views import Surface
 from gaussian_trimmer.views.view import box_slices, grown
 
 _GRAIN_PIXELS = 12.0

@@ -12,8 +12,7 @@ from gaussian_trimmer.removal.inpainting import inpaint_surfaces
 from gaussian_trimmer.removal.surfaces import find_surfaces
 from gaussian_trimmer.removal.views import RemovalViews
 
-NO_SURFACE = "there is no flat surface under or behind the object"
-NOT_SEEN = "too little of the surface around the object is visible"
+NO_SURFACE = "there is no flat surface that is seen to go on under or behind the object"
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +41,7 @@ def remove(views: RemovalViews, *, fill: bool, with_standing: bool = False) -> R
         fill: inpaint the surfaces that the object stood on or leaned against.
         with_standing: the things that stand on the object leave with it.
     """
-    centres = np.array([camera.centre for camera in views.cameras])
-    seen = views.visible_in_view.sum(axis=2)
-    surfaces = find_surfaces(views.gaussians.means, views.removed, seen, centres, views.bounds)
+    surfaces = find_surfaces(views)
     gone, isolated = find_hidden(views, surfaces)
     things, remnants, splinters = find_hanging(views, gone, surfaces)
     leaving = remnants | (things > 0) if with_standing else remnants
@@ -54,7 +51,7 @@ def remove(views: RemovalViews, *, fill: bool, with_standing: bool = False) -> R
         return replace(removal, discarded=removal.discarded | leaving)
     gone |= splinters
     found = inpaint_surfaces(views, surfaces, gone, isolated) if fill and surfaces else None
-    not_filled = None if found or not fill else NOT_SEEN if surfaces else NO_SURFACE
+    not_filled = NO_SURFACE if fill and not surfaces else None
     n = len(views.gaussians)
     inpainted, replaced, factor = found or (views.gaussians.select(slice(0)), np.zeros(n, np.bool_), np.ones(n))
     return Removal(gone, inpainted, replaced, factor, not_filled, _what_stays(things))

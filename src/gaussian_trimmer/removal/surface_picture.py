@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray, quaternions_of, rotation_matrices
-from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
-from gaussian_trimmer.removal.views import RemovalViews
-from gaussian_trimmer.rendering import Rendering, blend_values
+from gaussian_trimmer.removal.views import THICKNESS_RADII, RemovalViews, Sight, Surface, above_all
+from gaussian_trimmer.rendering import blend_values
 from gaussian_trimmer.rendering.blending import view_colours
 from gaussian_trimmer.views.view import HALF, grown
 
@@ -29,8 +27,6 @@ _MIN_VISIBLE_SHARE = 0.5
 _HEIGHT_STEP_RADII = 1e-3
 """Of what differs less in height, position in the surface decides which covers which."""
 _FAINT = 1e-3
-_NOWHERE = -1e3
-"""Height of what is seen where nothing is."""
 _EDGE_PIXELS = 2
 """Depths are not trusted so near the object's silhouette."""
 _MIN_VIEWS_THROUGH = 2
@@ -38,6 +34,8 @@ _COARSENING = 2
 """What views see is asked once for this many pixels along each axis."""
 _SPECK_PIXELS = 2
 """Emptiness and holes narrower than about twice this are noise of the depths."""
+_RING_PIXELS = 20
+"""Width of the ring around a hole that tells whether a surface goes on there."""
 _REACH_RADII = 0.15
 """A hole that does not come so near to the object's foot point is not the object's."""
 
@@ -70,40 +68,70 @@ class SurfacePicture:
         return np.where(inside[:, None], pixels, 0).astype(np.int64).T, inside
 
 
+def look_at(
+    views: RemovalViews, surface: Surface, surfaces: Sequence[Surface], drawn: BoolArray | None = None
+) -> SurfacePicture:
+    """Return where one of the surfaces around an object is known, empty and hidden, as a picture without colours.
+
+    Args:
+        views: the object in views from all around. Of one from behind any of the surfaces nothing counts, and only one
+            that shows the object tells that the surface is seen through: what stands behind a wall is not its end.
+        surface: the surface.
+        surfaces: all of them; each ends where another begins.
+        drawn: where Gaussians of the surface are, (P, P); None: wherever it is seen.
+    """
+    size = round(2 * _HALF_WIDTH_RADII * PIXELS_A_RADIUS)
+    nothing = np.zeros((size, size), np.bool_)
+    picture = SurfacePicture(surface, np.zeros((size, size, 3), np.float32), nothing, nothing, nothing)
+    coordinates = picture.coordinates
+    seen, through, by_object, by_others = _count_views(views, surface, surfaces, coordinates)
+    points, before = surface.points(coordinates.reshape(-1, 3)), ~nothing
+    clear = before.copy()
+    for other in surfaces:
+        if other is not surface:
+            height = other.heights(points).reshape(size, size)
+            before &= height > 0
+            clear &= height > THICKNESS_RADII
+    empty = _opened((through > seen) & (through >= _MIN_VIEWS_THROUGH))
+    empty &= ~_seen_through_the_object(empty, picture, views)
+    known = seen >= np.maximum(through, 1)
+    if drawn is not None:
+        known &= drawn
+    hole = before & ~known & ~empty & (by_object > 0) & (by_object >= by_others)
+    return replace(picture, known=known & clear, empty=empty, hole=_at_the_object(_opened(hole), picture, views))
+
+
 def take_picture(
     views: RemovalViews, surface: Surface, surfaces: Sequence[Surface], isolated: FloatArray, gone: BoolArray
 ) -> SurfacePicture:
     """Return the picture of one of the surfaces around an object.
 
     Args:
-        views: the object in views from all around. A view from behind any of the surfaces does not count.
-        surface: the surface.
-        surfaces: all of them; each ends where another begins.
+        views, surface, surfaces: as those of `look_at`.
         isolated: blend weight of each Gaussian in the views without the object, (N,).
         gone: Gaussians that leave with the object, (N,).
     """
-    size = round(2 * _HALF_WIDTH_RADII * PIXELS_A_RADIUS)
-    nothing = np.zeros((size, size), np.bool_)
-    picture = SurfacePicture(surface, np.zeros((size, size, 3), np.float32), nothing, nothing, nothing)
-    coordinates = picture.coordinates
-    points = surface.points(coordinates.reshape(-1, 3))
-    seen, through, by_object, by_others = _count_views(views, surface, surfaces, coordinates)
-    others = [other for other in surfaces if other is not surface]
-    rgb, alpha = _from_above(views, surface, surfaces, isolated, gone, size)
-    before = np.ones((size, size), np.bool_)
-    for other in others:
-        before &= other.heights(points).reshape(size, size) > 0
-    empty = _opened((through > seen) & (through >= _MIN_VIEWS_THROUGH))
-    empty &= ~_seen_through_the_object(empty, picture, views)
-    known = (seen >= np.maximum(through, 1)) & (alpha > HALF)
-    hole = before & ~known & ~empty & (by_object > 0) & (by_object >= by_others)
-    for other in others:
-        known &= other.heights(points).reshape(size, size) > THICKNESS_RADII
-    return replace(picture, rgb=rgb, known=known, empty=empty, hole=_at_the_object(_opened(hole), picture, views))
+    rgb, alpha = _from_above(views, surface, surfaces, isolated, gone, round(2 * _HALF_WIDTH_RADII * PIXELS_A_RADIUS))
+    return replace(look_at(views, surface, surfaces, alpha > HALF), rgb=rgb)
+
+
+def goes_on(views: RemovalViews, surface: Surface, others: Sequence[Surface]) -> bool:
+    """Tell whether a surface goes on behind an object: it, rather than nothing, is seen around the hole.
+
+    The side of a thing may be as flat as a wall, but ends. Where the object hides nothing of it, what is around counts.
+    """
+    picture = look_at(views, surface, [*others, surface])
+    behind = picture.hole if picture.hole.any() else _near_the_object(picture, views)
+    ring = grown(behind, _RING_PIXELS) & ~picture.hole
+    return int(picture.known[ring].sum()) > int(picture.empty[ring].sum())
+
+
+def _from_before(views: RemovalViews, surfaces: Sequence[Surface]) -> list[Sight]:
+    """Return what views, steep ones too, show from before all surfaces."""
+    return [sight for sight in (*views.sights, *views.above.sights) if _is_before(sight.camera, surfaces)]
 
 
 def _is_before(camera: Camera, surfaces: Sequence[Surface]) -> bool:
-    """Tell whether a camera looks from before all surfaces."""
     return bool(above_all(surfaces, camera.centre[None], THICKNESS_RADII).all())
 
 
@@ -114,32 +142,20 @@ def _count_views(
     coarse = coordinates[::_COARSENING, ::_COARSENING] + [*[(_COARSENING - 1) / 2 / PIXELS_A_RADIUS] * 2, 0]
     points = surface.points(coarse.reshape(-1, 3))
     counts = np.zeros((4, len(points)), np.int64)
-    pictures = [zip(part.cameras, part.silhouettes, part.renderings, strict=True) for part in (views, views.above)]
-    for camera, silhouette, rendering in chain.from_iterable(pictures):
-        if not _is_before(camera, surfaces):
-            continue
+    for camera, silhouette, seen, sighted in _from_before(views, surfaces):
         pixels, _ = camera.project(points)
         rows = np.flatnonzero(camera.contains(pixels))
         x, y = pixels[rows].astype(np.int64).T
-        height = _heights_of_what_is_seen(camera, rendering, surface)[y, x]
+        height = surface.heights(seen[y, x])
         of_object, near_it = silhouette[y, x], grown(silhouette, _EDGE_PIXELS)[y, x]
         counts[0, rows] += ~near_it & (np.abs(height) <= THICKNESS_RADII)
-        counts[1, rows] += ~near_it & (height < -THICKNESS_RADII)
+        counts[1, rows] += sighted & ~near_it & (height < -THICKNESS_RADII)
         counts[2, rows] += of_object & (height > -THICKNESS_RADII)
         counts[3, rows] += ~near_it & (height > THICKNESS_RADII)
     return [
         np.repeat(np.repeat(count.reshape(coarse.shape[:2]), _COARSENING, axis=0), _COARSENING, axis=1)
         for count in counts
     ]
-
-
-def _heights_of_what_is_seen(camera: Camera, rendering: Rendering, surface: Surface) -> Float64Array:
-    """Return the height above the surface, in object radii, of what each pixel of a view shows, (H, W)."""
-    y, x = np.indices(rendering.alpha.shape) + 0.5
-    inverse = np.linalg.inv(camera.K)
-    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ inverse.T @ (camera.rotation @ surface.axes[2])
-    start = surface.heights(camera.centre[None])[0]
-    return np.where(rendering.alpha > HALF, start + rays * rendering.depth / surface.unit, _NOWHERE)
 
 
 def _from_above(

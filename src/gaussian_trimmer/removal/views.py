@@ -1,19 +1,70 @@
-"""Small views of an object from all around, with it and without it."""
+"""Small views of an object from all around, with it and without it, and the planes in them that it touches."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering import Rendering, blend_weights, render
 from gaussian_trimmer.views.view import HALF
+
+THICKNESS_RADII = 0.05
+"""Half of a surface's thickness, in object radii."""
+
+_FAR = 1e6
+"""Depth of what is seen where nothing is, in scene units."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A plane, and a frame in it, with lengths in object radii."""
+
+    origin: Float64Array
+    """The point of the plane nearest to the object's centre, (3,)."""
+    axes: Float64Array
+    """Unit vectors: two in the plane and its normal, which points to the object; right-handed, (3, 3)."""
+    unit: float
+    """The object's radius in scene units."""
+
+    def coordinates(self, points: FloatArray | Float64Array) -> Float64Array:
+        """Return two coordinates in the plane and the height above it of points (N, 3), in object radii."""
+        return np.asarray((points - self.origin) @ self.axes.T / self.unit)
+
+    def heights(self, points: FloatArray | Float64Array) -> Float64Array:
+        """Return heights of points (..., 3) above the plane, in object radii, (...)."""
+        return np.asarray((points - self.origin) @ self.axes[2] / self.unit)
+
+    def points(self, coordinates: Float64Array) -> Float64Array:
+        """Return the points of the scene with given coordinates (N, 3)."""
+        return np.asarray(coordinates @ self.axes * self.unit + self.origin)
+
+
+def above_all(surfaces: Sequence[Surface], points: FloatArray | Float64Array, margin: float) -> BoolArray:
+    """Return the points (N, 3) that lie higher than a margin, in object radii, above every surface, (N,)."""
+    above = np.ones(len(points), np.bool_)
+    for surface in surfaces:
+        above &= surface.heights(points) > margin
+    return above
+
+
+class Sight(NamedTuple):
+    """What one view shows."""
+
+    camera: Camera
+    silhouette: BoolArray
+    """The object alone, (H, W)."""
+    points: Float64Array
+    """The points of the scene that its pixels show, (H, W, 3)."""
+    of_object: bool
+    """Whether it shows more than half of the object, rather than a wall before it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,14 +88,34 @@ class RemovalViews:
         return replace(self, cameras=self.cameras_above, cameras_above=())
 
     @cached_property
+    def alone(self) -> list[Rendering]:
+        """The object alone in each view."""
+        return self._render(self.gaussians.select(self.of_object))
+
+    @cached_property
     def silhouettes(self) -> list[BoolArray]:
         """The object alone in each view, (H, W)."""
-        return [rendering.alpha > HALF for rendering in self._render(self.gaussians.select(self.of_object))]
+        return [rendering.alpha > HALF for rendering in self.alone]
 
     @cached_property
     def renderings(self) -> list[Rendering]:
         """Everything in each view."""
         return self._render(self.gaussians)
+
+    @cached_property
+    def sights(self) -> list[Sight]:
+        """What each view shows of the object and of the rest."""
+        return [
+            Sight(
+                camera,
+                silhouette,
+                _seen_points(camera, rendering),
+                bool(weights[self.of_object].sum() > HALF * alone.alpha.sum()),
+            )
+            for camera, silhouette, rendering, alone, weights in zip(
+                self.cameras, self.silhouettes, self.renderings, self.alone, self.visible_in_view, strict=True
+            )
+        ]
 
     @cached_property
     def visible_in_view(self) -> FloatArray:
@@ -76,3 +147,10 @@ class RemovalViews:
 
     def _render(self, part: Gaussians) -> list[Rendering]:
         return list(parallel_map(lambda c: render(part, c), self.cameras))
+
+
+def _seen_points(camera: Camera, rendering: Rendering) -> Float64Array:
+    """Return the points of the scene that the pixels of a view show, far away where they show nothing, (H, W, 3)."""
+    y, x = np.indices(rendering.alpha.shape) + 0.5
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T @ camera.rotation
+    return np.asarray(camera.centre + rays * np.where(rendering.alpha > HALF, rendering.depth, _FAR)[..., None])
