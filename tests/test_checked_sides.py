@@ -17,7 +17,7 @@ SCENE, TRUTH = toy.ball_on_floor()
 class Sides:
     """What is known of the sides of a trimmed ball, some of whose views are rejected."""
 
-    def __init__(self, yaws=None, views=5, rejected=(), cameras=None):
+    def __init__(self, yaws=(0, 360), views=5, rejected=(), cameras=None):
         config = toy.small_config(plan=PlanConfig(size=64, views=views, yaw_range_degrees=yaws))
         result = trim(SCENE, TRUTH, config=config, cameras=cameras)
         (part,) = result.objects
@@ -66,7 +66,7 @@ def test_rejected_views_judge_nothing():
 
 
 def test_directions_that_no_training_camera_saw_are_not_judged():
-    found = Sides(yaws=(0, 360), cameras=training_cameras(10, 40, 70))
+    found = Sides(cameras=training_cameras(10, 40, 70))
     assert found.entry["degrees"] == 60
     assert found.verdict(found.middle) == ""
     assert found.verdict(found.middle + 180) == "no photograph from here"

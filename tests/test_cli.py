@@ -53,7 +53,7 @@ def test_trim_writes_and_says_everything(ball, tmp_path, capsys):
     assert toy.jaccard(trimmed, truth) > max(0.9, toy.jaccard(rough, truth))
     printed = capsys.readouterr()
     assert printed.err == ""
-    assert "5 of 5 views used, whose masks follow the selection; checked from all sides" in printed.out
+    assert "5 of 5 views used, whose masks follow the selection; checked over" in printed.out
     assert str(output) in printed.out
     lines = printed.out.splitlines()  # whole where there is no terminal
     assert lines == [line.rstrip() for line in lines]
