@@ -94,16 +94,15 @@ def prune(
         min_share: least share of what a Gaussian shows alone that has to be consistent.
     """
     whole = np.flatnonzero(parts.members & parts.whole())
-    inside = [gaussians.select(whole), *([parts.inner] if parts.inner else [])]
+    inside = concatenate([gaussians.select(whole), *([parts.inner] if parts.inner else [])])
     outside = [gaussians.select(~parts.members), *([parts.outer] if parts.outer else [])]
-    renders = views.render(concatenate(inside), concatenate(outside))
+    renders = views.render(inside, concatenate(outside))
     consistent, seen, shown = np.sum(list(parallel_map(_weights, renders)), axis=0).T
     rows = np.concatenate([whole, parts.split])
     gone = (consistent < min_share * shown) | (~selection[rows] & (seen < HALF * shown))
     joining = np.flatnonzero(~selection[rows] & ~gone)
     if len(joining):
-        chosen = selection[rows]
-        gone[joining] = _behind(concatenate(inside), chosen, joining, views.radius, renders)
+        gone[joining] = _behind(inside, selection[rows], joining, views.radius, renders)
     lost = np.zeros(len(gaussians), np.bool_)
     lost[rows] = gone
     return parts.without(lost)

@@ -29,6 +29,10 @@ _CONTOUR_SMOOTHING = 1.5
 """Standard deviation of the blur of the signed distance, in pixels: contours of masks are staircases."""
 _MIN_SLOPE = 0.1
 """Slope of the signed distance below which a pixel is equally far from several parts of the contour."""
+_STROKE_ROUNDS = 3
+"""A Gaussian as long as a stroke is wide crosses both of its edges, and its halves are soft."""
+_LEAST_SHARE_UNDER = 0.1
+"""Share of what shows of a Gaussian under a stroke from which on it is cut."""
 
 
 @dataclass(frozen=True)
@@ -188,12 +192,6 @@ def _tangent_planes(means: Float64Array, camera: Camera, mask: BoolArray) -> tup
     return normals, np.where(slope[:, 0] > _MIN_SLOPE, distances, np.nan)
 
 
-_ROUNDS = 3
-"""A Gaussian as long as a stroke is wide crosses both of its edges, and its halves are soft."""
-_LEAST_SHARE = 0.1
-"""Share of what shows of a Gaussian under a stroke from which on it is cut."""
-
-
 @dataclass(frozen=True, eq=False)
 class StrokeCut:
     """A stroke in a view. N Gaussians of the scene."""
@@ -218,9 +216,9 @@ def cut_at_stroke(pieces: Pieces, cut: StrokeCut) -> tuple[Pieces, Pieces]:
         The object, with the Gaussians that were cut after all others, and what was cut off.
     """
     inner, off = pieces, pieces.select(np.zeros(0, np.int64))
-    for _ in range(_ROUNDS):
+    for _ in range(_STROKE_ROUNDS):
         beside, under = blend_weights(inner.gaussians, cut.camera, cut.mask.astype(np.uint8), 2).T
-        crossing = ~cut.spared[inner.source] & (under > _LEAST_SHARE * (under + beside))
+        crossing = ~cut.spared[inner.source] & (under > _LEAST_SHARE_UNDER * (under + beside))
         found = straddlers_in_view(inner.gaussians, crossing, cut.camera, ~cut.mask, BoundaryConfig())
         gone = crossing & (inner.part | inner.fitted) & (under > beside)
         gone[found.rows] = False

@@ -19,6 +19,7 @@ from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.views.camera_rings import NEAR_RADII, Lens, framing_distance, ring
+from gaussian_trimmer.views.standing import thinned
 from gaussian_trimmer.views.virtual_cameras import PlanConfig
 
 _PITCHES_DEGREES = (8.0, 25.0, 45.0, 65.0)
@@ -69,15 +70,17 @@ def choose_views(scene: Gaussians, rows: IntArray, bounds: Bounds, count: int) -
     pitches = np.repeat(np.radians(_PITCHES_DEGREES), [len(yaws) for yaws in rings])
     shown, share = _shown(scene, rows, bounds, yaws, pitches)
     most = shown.max(axis=0)
+    relative = shown / np.maximum(most, 1e-9)
+    new = 1 - np.exp(-relative)
     seen, chosen = np.zeros_like(most), list[int]()
     for _ in range(min(count, len(yaws))):
-        gains = share * (np.exp(-seen) * (1 - np.exp(-shown / np.maximum(most, 1e-9))) * most).sum(axis=1)
+        gains = share * (np.exp(-seen) * new * most).sum(axis=1)
         gains[chosen] = 0
         best = int(np.argmax(gains))
         if gains[best] <= 0:
             break
         chosen.append(best)
-        seen += shown[best] / np.maximum(most, 1e-9)
+        seen += relative[best]
     chosen = chosen or list(range(0, len(yaws), -(-len(yaws) // count)))  # nothing is seen from anywhere
     return ChosenViews(bounds, yaws[chosen], pitches[chosen], int(np.count_nonzero(share >= _FREE_SHARE)))
 
@@ -89,8 +92,8 @@ def _shown(
     offset = scene.means - bounds.centre.astype(np.float32)
     around = np.einsum("ni,ni->n", offset, offset) < (_TRIAL_RADII * bounds.radius) ** 2
     around[rows] = False
-    target = _thinned(scene, rows)
-    everything = concatenate([target, _thinned(scene, np.flatnonzero(around))])
+    target, rest = (thinned(scene, part, -(-len(part) // _TRIED_GAUSSIANS)) for part in (rows, np.flatnonzero(around)))
+    everything = concatenate([target, rest])
     lens = Lens(_TRIAL_PIXELS, float(np.radians(PlanConfig.fov_degrees)), NEAR_RADII * bounds.radius)
     distance = framing_distance(bounds, yaws, pitches, lens.fov_radians, PlanConfig.fill)
 
@@ -102,9 +105,3 @@ def _shown(
     cameras = ring(bounds.centre, bounds.axes, distance, yaws, pitches, lens)
     views: Sequence[tuple[FloatArray, float]] = list(parallel_map(of_view, cameras))
     return np.stack([weights for weights, _ in views]), np.array([share for _, share in views])
-
-
-def _thinned(scene: Gaussians, rows: IntArray) -> Gaussians:
-    step = max(1, -(-len(rows) // _TRIED_GAUSSIANS))
-    some = scene.select(rows[::step])
-    return some.replace(log_scales=some.log_scales + np.float32(np.log(step) / 2))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera, look_at, up_frame
-from gaussian_trimmer.gaussians import Float64Array, Gaussians
+from gaussian_trimmer.gaussians import Float64Array, Gaussians, IntArray
 from gaussian_trimmer.geometry.storey import find_storey, sampled
 from gaussian_trimmer.rendering import render
 
@@ -32,8 +32,7 @@ def stands_in_rooms(scene: Gaussians, up: Float64Array, count: int = 1) -> list[
     if storey.ceiling is None or not storey.is_room:
         return []
     thin = max(1, len(scene) // _TRIED_GAUSSIANS)
-    scene = scene.select(np.arange(0, len(scene), thin))
-    scene = scene.replace(log_scales=scene.log_scales + np.float32(np.log(thin) / 2))
+    scene = thinned(scene, np.arange(len(scene)), thin)
     room, heights, axes = storey.ceiling - storey.floor, scene.means @ up, up_frame(up)
     below = (heights > storey.floor) & (heights < storey.floor + _EYE_SHARE * room)
     if not below.any():
@@ -60,3 +59,10 @@ def stands_in_rooms(scene: Gaussians, up: Float64Array, count: int = 1) -> list[
         found.append((eyes[place], eyes[place] + targets[turn]))
         known = np.maximum(known, shown[place, turn])
     return found
+
+
+def thinned(scene: Gaussians, rows: IntArray, step: int) -> Gaussians:
+    """Return every `step`-th of some Gaussians, by scene rows, larger so that they cover as much; of none, none."""
+    step = max(1, step)
+    some = scene.select(rows[::step])
+    return some.replace(log_scales=some.log_scales + np.float32(np.log(step) / 2))
