@@ -127,12 +127,10 @@ def test_infinities_of_converters_become_finite(tmp_path: Path) -> None:
     ("name", "value"),
     [*((name, np.nan) for name in ATTRIBUTES), *((name, np.inf) for name in ATTRIBUTES if name != "opacity_logits")],
 )
-def test_values_that_are_not_finite_are_refused(tmp_path: Path, name: str, value: float) -> None:
-    gaussians = sample(9000, 1)
-    array = getattr(gaussians, name).copy()
-    array[8000] = value
-    ply.write(gaussians.replace(**{name: array}), tmp_path / "a.ply")
-    with pytest.raises(InputError, match=f"have {name} that cannot be used, the first in row 8000"):
+def test_values_of_which_none_is_finite_are_refused(tmp_path: Path, name: str, value: float) -> None:
+    gaussians = sample(90, 1)
+    ply.write(gaussians.replace(**{name: np.full_like(getattr(gaussians, name), value)}), tmp_path / "a.ply")
+    with pytest.raises(InputError, match=f"have {name} that cannot be used, the first in row 0"):
         formats.read(tmp_path / "a.ply")
 
 

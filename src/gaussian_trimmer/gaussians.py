@@ -44,7 +44,9 @@ class Gaussians:
     extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     """Columns that drawing does not use, by name, each (N,): kept so that they can be read and passed on."""
     format_up: tuple[float, float, float] | None = None
-    """Where up points by the specification of the format that they were read from, if it has one."""
+    """Where up points by the file that they were read from or by the specification of its format, if either says it."""
+    notes: tuple[str, ...] = ()
+    """What reading has left out or changed, a clause each."""
 
     def __post_init__(self) -> None:
         for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"):
@@ -161,6 +163,11 @@ class Gaussians:
     def opacities(self) -> FloatArray:
         """Opacities in (0, 1), (N,)."""
         return sigmoid(self.opacity_logits)
+
+    @property
+    def blank(self) -> BoolArray:
+        """Which rows stand for what a file has there but cannot be used, (N,): opacities of exactly zero mark them."""
+        return np.asarray(np.isneginf(self.opacity_logits))
 
     def factors(self) -> Float64Array:
         """Factors R diag(s) of the covariances, whose columns are the axes, one deviation long, (N, 3, 3), float64."""

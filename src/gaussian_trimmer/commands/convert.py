@@ -36,6 +36,10 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("source", kind=Path, metavar="SOURCE", help=source)
     parser.add_argument("target", kind=Path, metavar="TARGET", help="File to write")
     parser.add_argument("--level", kind=int, metavar="N", help=LEVEL)
+    values = (
+        "What SOURCE holds, where it cannot be told: logarithms and logits, stored, or scales and opacities, activated"
+    )
+    parser.add_argument("--values", kind=formats.Values, help=values)
     sort = "Write the rows in Morton order: compressed files get smaller, but selections no longer fit"
     parser.add_argument("--sort", kind=bool, help=sort)
     version = "Version of an .spz target: 3, which every reader knows, or 4, which is a little smaller"
@@ -64,7 +68,8 @@ def run(arguments: Namespace) -> None:
     if arguments.spz_version != _SPZ_VERSION and suffix != ".spz":
         raise InputError(f"'{target}' is not an .spz file; leave --spz-version out, or give it that ending.")
     console = console_of(arguments)
-    gaussians = formats.read(arguments.source, level=arguments.level, say=console.print)
+    gaussians = formats.read(arguments.source, level=arguments.level, values=arguments.values, say=console.print)
+    gaussians = formats.without_blank(gaussians)
     notes = list(filter(None, [formats.losses(gaussians, suffix, formats.written_suffix(source))]))
     if placing.wished:
         up = _found_up(arguments, gaussians, console) if placing.needs_up else DEFAULT_UP

@@ -20,6 +20,7 @@ from gaussian_trimmer.formats.identify import FORMATS, SELECTION_SUFFIXES, STREA
 from gaussian_trimmer.formats.packing import are_discs
 from gaussian_trimmer.formats.streamed_sog import open_streamed
 from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.geometry.limits import lost_places
 from gaussian_trimmer.io.reading import is_file, read_json
 from gaussian_trimmer.parser import Parser
 from gaussian_trimmer.selecting.marks import KINDS, read_marks
@@ -165,32 +166,37 @@ def _splat_lines(path: Path, level: int | None, facts: dict[str, Any]) -> Iterat
         if streamed.missing(streamed.levels[chosen]):
             return
         said.append(f"read: {streamed.describe(chosen)}")
-    yield from (*said, *_gaussian_lines(formats.read(path, level=level), facts))
+    yield from (*said, *_gaussian_lines(formats.read(path, level=level, say=lambda note: None), facts))
 
 
 def _gaussian_lines(gaussians: Gaussians, facts: dict[str, Any]) -> Iterator[str]:
     """Give lines on counts, bounds, opacities, sizes and extra columns, and on the selections that these offer."""
-    low, high = np.percentile(gaussians.means, [1, 99], axis=0)
+    seen = formats.without_blank(gaussians)
+    low, high = np.percentile(seen.means, [1, 99], axis=0)
     facts |= {
         "gaussians": len(gaussians),
         "sh_degree": gaussians.sh_degree,
         "bounds_of_98_percent": [low.tolist(), high.tolist()],
         "extra_columns": list(gaussians.extras),
+        "notes": list(gaussians.notes),
     }
     yield f"splats: {len(gaussians)} Gaussians, SH degree {gaussians.sh_degree}"
+    yield from gaussians.notes
     ranges = (f"{axis} {low[i]:.3g} to {high[i]:.3g}" for i, axis in enumerate("xyz"))
     yield f"bounds of the middle 98 %: {', '.join(ranges)}"
-    opacities = gaussians.opacities
+    opacities = seen.opacities
     faint, solid = 100 * np.mean(opacities < _FAINT_OPACITY), 100 * np.mean(opacities > _SOLID_OPACITY)
     yield (
         f"opacity: median {np.median(opacities):.2f}, {faint:.0f} % below {_FAINT_OPACITY}, {solid:.0f} % above "
         f"{_SOLID_OPACITY}"
     )
     with np.errstate(over="ignore"):
-        largest = np.exp(gaussians.largest_log_scales.astype(np.float64))
+        largest = np.exp(seen.largest_log_scales.astype(np.float64))
     yield f"largest standard deviation: median {np.median(largest):.3g}, maximum {largest.max():.3g}"
     if are_discs(gaussians):
         yield "discs of 2D Gaussian Splatting: as thick as a thousandth of their smaller width"
+    if far := lost_places(gaussians):
+        yield f"coordinates have lost digits: {far}"
     if names := list(gaussians.extras):
         yield f"extra columns: {list_names(names)}"
         if has_identity_features(names):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,8 +20,9 @@ from gaussian_trimmer.formats.identify import (
     is_named,
     written_suffix,
 )
-from gaussian_trimmer.gaussians import Gaussians, IntArray, check_gaussians, concatenate
-from gaussian_trimmer.geometry.limits import check_values
+from gaussian_trimmer.formats.packing import SMALLEST_SCALE
+from gaussian_trimmer.gaussians import Gaussians, IntArray, check_gaussians, concatenate, logit
+from gaussian_trimmer.geometry.limits import blank_unusable, lost_places
 from gaussian_trimmer.io.reading import is_file, reading
 
 __all__ = [
@@ -39,6 +41,11 @@ _HOLD_NOTHING = (".ply", ".splat")
 """Formats that can hold zero Gaussians."""
 _EXACT = (".ply", ".glb")
 """Formats that round nothing."""
+Values = Literal["stored", "activated"]
+"""What scales and opacities of a file are: logarithms and logits, as stored in training, or what these stand for."""
+_FEW = 16
+"""So many Gaussians may have any values by chance."""
+_LOG = logging.getLogger("gaussian_trimmer")
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what damaged numbers become is found by the check of values
@@ -47,7 +54,8 @@ def read(
     *,
     level: int | None = None,
     bounds: Sequence[Sequence[float]] | None = None,
-    say: Callable[[str], None] = lambda text: None,
+    values: Values | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> Gaussians:
     """Return the Gaussians of a splat file, rows in the file's own order; of a training's folder, the latest ones.
 
@@ -56,29 +64,60 @@ def read(
         level: of a streamed SOG, the level of detail, of which 0 is the finest; by default the finest that memory
             allows to work on.
         bounds: of a streamed SOG, least and greatest corner of a box: only leaves that touch it are read.
-        say: called with sentences on what is read of a folder or of a streamed SOG, and what is not.
+        values: what scales and opacities of the file are; by default stored ones, and those that look like activated
+            ones are refused.
+        say: called with sentences on what is read of a folder or of a streamed SOG, and on what is not read or changed,
+            which is a warning in the log otherwise.
 
     Raises:
         InputError: the file is missing, of no known format, damaged, or changes while it is read, or it holds no
-            Gaussians, or values that are not finite or extreme, or no such level.
+            Gaussians whose values can be used, or no such level.
     """
     given, path = Path(path), identify(path).scene
     suffix = format_suffix(path)
     if not is_file(path):
         raise InputError(f"There is no file '{path}'.")
     if suffix == STREAMED:
-        choice: dict[str, Any] = {"level": level, "bounds": bounds, "say": say}
+        choice: dict[str, Any] = {"level": level, "bounds": bounds, "say": say or _say_nothing}
     elif level is not None or bounds is not None:
         raise InputError(f"'{path}' has no levels of detail and no leaves; only a {STREAMED} is read in part.")
     else:
         choice = {}
         if given != path:
-            say(f"{given}: reading {path}")
+            (say or _say_nothing)(f"{given}: reading {path}")
     with reading(path):
         module = _module(".compressed.ply" if suffix == ".ply" else suffix)  # which reads both kinds
         gaussians: Gaussians = module.read(path, **choice)
-        check_values(gaussians, f"'{path}': ")
+        if values == "activated":
+            gaussians = _stored(gaussians)
+        gaussians = blank_unusable(gaussians, f"'{path}': ")
+        if values is None and _seem_activated(gaussians):
+            raise InputError(
+                f"All scales in '{path}' are above 0 and all opacities from 0 to 1, as if they were no logarithms and "
+                "logits; have these written: 'gaussian-trimmer convert SOURCE TARGET --values activated', or, if they "
+                "are logarithms and logits, '--values stored'."
+            )
+    for note in gaussians.notes:
+        (say or _LOG.warning)(f"{path}: {note}.")
     return gaussians
+
+
+def _say_nothing(text: str) -> None:
+    pass
+
+
+def _stored(gaussians: Gaussians) -> Gaussians:
+    """Return Gaussians whose scales and opacities are logarithms and logits of what they were."""
+    scales = np.where(gaussians.log_scales > 0, gaussians.log_scales, np.float32(SMALLEST_SCALE))
+    opacities = gaussians.opacity_logits.astype(np.float64)
+    return gaussians.replace(log_scales=np.log(scales), opacity_logits=logit(opacities).astype(np.float32))
+
+
+def _seem_activated(gaussians: Gaussians) -> bool:
+    """Say whether scales look like lengths, and opacities like numbers from 0 to 1."""
+    opacities = gaussians.opacity_logits[~gaussians.blank]
+    within = len(opacities) > _FEW and 0 <= opacities.min() < opacities.max() <= 1
+    return bool(within and (gaussians.log_scales > 0).all())
 
 
 def scene_files(path: Path, level: int | None = None) -> list[Path]:
@@ -126,7 +165,9 @@ def losses(gaussians: Gaussians, target: str, source: str) -> str:
         lost.append(f"{len(gaussians.extras)} extra columns")
     if target not in (*_EXACT, source):
         lost.append("precision")
-    return f"Lost in {target}: {', '.join(lost)}." if lost else ""
+    kept = f"Lost in {target}: {', '.join(lost)}." if lost else ""
+    far = lost_places(gaussians)
+    return " ".join(filter(None, [kept, f"Coordinates have lost digits: {far}." if far else ""]))
 
 
 def write_selected(gaussians: Gaussians, rows: IntArray, appended: Gaussians, path: str | Path) -> None:
@@ -147,6 +188,8 @@ def write_selected(gaussians: Gaussians, rows: IntArray, appended: Gaussians, pa
 def convert(source: str | Path, target: str | Path, *, sort: bool = False) -> Gaussians:
     """Read one splat file and write another; return what was written, before the target's format rounded it.
 
+    Rows that cannot be used are left out.
+
     With `sort`, rows are written in Morton order instead of the source's, which makes compressed files smaller and
     a compressed PLY far more precise; selections of the source then do not fit the target.
 
@@ -154,13 +197,19 @@ def convert(source: str | Path, target: str | Path, *, sort: bool = False) -> Ga
         InputError: the source cannot be read or the target cannot be written.
     """
     target_suffix(target)  # a wrong name is found before the work
-    gaussians = read(source)
+    gaussians = without_blank(read(source))
     if sort:
         from gaussian_trimmer.formats.packing import morton_order
 
         gaussians = gaussians.select(morton_order(gaussians.means))
     write(gaussians, target)
     return gaussians
+
+
+def without_blank(gaussians: Gaussians) -> Gaussians:
+    """Return the Gaussians without the rows that stand for those of a file that cannot be used."""
+    blank = gaussians.blank
+    return gaussians.select(~blank) if blank.any() else gaussians
 
 
 def _module(suffix: str) -> Any:

@@ -16,6 +16,7 @@ ByteArray = NDArray[np.uint8]
 SMALLEST_SCALE = 1e-12
 """Scales of formats that store them linearly are read as no smaller than this, so that their logarithm is finite."""
 _THINNESS = np.float32(np.log(1000.0))
+CUT_TO_DEGREE_3 = "spherical harmonics are of degree 4; what is above degree 3 is left out"
 ZERO_LOG_SCALE = -87.0
 """Log scales below this are those of zero: their exponential is no normal float32."""
 _LLOYD_STEPS = 20

@@ -22,7 +22,7 @@ from numpy.lib.recfunctions import structured_to_unstructured, unstructured_to_s
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, clip_name
-from gaussian_trimmer.formats.packing import thicken_discs, with_finite_limits
+from gaussian_trimmer.formats.packing import CUT_TO_DEGREE_3, thicken_discs, with_finite_limits
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
 from gaussian_trimmer.io.reading import read_into
 from gaussian_trimmer.io.writing import atomic_file, write_array
@@ -32,7 +32,12 @@ _NORMAL_NAMES = ["nx", "ny", "nz"]
 _DC_NAMES = ["f_dc_0", "f_dc_1", "f_dc_2"]
 _SCALE_NAMES = ["scale_0", "scale_1", "scale_2"]
 _ROTATION_NAMES = ["rot_0", "rot_1", "rot_2", "rot_3"]
-_REST_COUNTS = (0, 9, 24, 45)
+_REST_COUNTS = (0, 9, 24, 45, 72)
+_KEPT_COEFFICIENTS = 15
+_NUMBERED_NAME = r"n?[xyz]|f_dc_[012]|f_rest_\d+|opacity|scale_[012]|rot_[0123]"
+_SPLAT_NAME = re.compile(_NUMBERED_NAME)
+_CLOUDCOMPARE = re.compile(rf"(?:scalar_|scal_)+(?={_NUMBERED_NAME}$)")
+"""What CloudCompare puts before the names of columns, once or twice."""
 _RELATIVES = {
     "f_anchor_feat_0": "It is of Scaffold-GS, as InstanceGaussian's: anchors, of which networks make each view's "
     "Gaussians. Train 3D Gaussian Splatting on the same pictures and cameras, and carry the object over by masks that "
@@ -79,18 +84,22 @@ def read(path: Path) -> Gaussians:
     rest = [name for name in names if re.fullmatch(r"f_rest_\d+", name)]
     numbered = [f"f_rest_{i}" for i in range(len(rest))]
     if len(rest) not in _REST_COUNTS or {*rest} != {*numbered}:
-        raise InputError(f"'{path}' has {len(rest)} f_rest columns; a splat PLY has 0, 9, 24 or 45, numbered from 0.")
+        raise InputError(
+            f"'{path}' has {len(rest)} f_rest columns; a splat PLY has 0, 9, 24, 45 or 72, numbered from 0."
+        )
     means = np.ascontiguousarray(_columns(table, _POSITION_NAMES))
     means.flags.writeable = False
     log_scales = _columns(table, scales)
+    sh_rest = _columns(table, numbered).reshape(len(table), 3, len(rest) // 3)
     gaussians = Gaussians(
         means=means,
         log_scales=log_scales if len(scales) == 3 else thicken_discs(log_scales),
         quaternions=_columns(table, _ROTATION_NAMES),
         opacity_logits=table["opacity"],
         sh_dc=_columns(table, _DC_NAMES),
-        sh_rest=_columns(table, numbered).reshape(len(table), 3, len(rest) // 3),
+        sh_rest=sh_rest[..., :_KEPT_COEFFICIENTS],
         extras={name: table[name] for name in names if name not in {*required, *_NORMAL_NAMES, *rest}},
+        notes=(CUT_TO_DEGREE_3,) if sh_rest.shape[2] > _KEPT_COEFFICIENTS else (),
     )
     return with_finite_limits(gaussians)
 
@@ -241,7 +250,7 @@ def _parse_header(file: BinaryIO, path: Path) -> Header:
             case ["element", name, count] if count.isascii() and count.isdigit():
                 elements.append((name, int(count), []))
             case ["property", kind, name] if kind in _SCALAR_TYPES and elements:
-                elements[-1][2].append((name, _SCALAR_TYPES[kind]))
+                elements[-1][2].append((_CLOUDCOMPARE.sub("", name), _SCALAR_TYPES[kind]))
             case ["property", "list", _, _, name] if elements:
                 elements[-1][2].append((name, "list"))
             case _:
@@ -249,7 +258,16 @@ def _parse_header(file: BinaryIO, path: Path) -> Header:
                 raise InputError(f"'{path}' has a line in its PLY header that cannot be understood: '{words}'.")
     if not encoding or not elements:
         raise InputError(f"'{path}' has a PLY header without a format or without elements.")
-    return Header(encoding, tuple(Element(name, count, tuple(props)) for name, count, props in elements), file.tell())
+    parsed = tuple(Element(name, count, _half_floats(props)) for name, count, props in elements)
+    return Header(encoding, parsed, file.tell())
+
+
+def _half_floats(properties: list[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+    """Return the properties of an element, in which ushort columns of splats are what they can only be, half floats."""
+    halves = {("x", "u2"), ("opacity", "u2"), ("rot_0", "u2")} <= {*properties}
+    return tuple(
+        (name, "f2" if halves and kind == "u2" and _SPLAT_NAME.fullmatch(name) else kind) for name, kind in properties
+    )
 
 
 def read_table(path: Path, header: Header, name: str = "vertex") -> NDArray[Any]:

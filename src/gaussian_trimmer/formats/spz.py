@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.packing import (
+    CUT_TO_DEGREE_3,
     ByteArray,
     check_count,
     drop_largest,
@@ -200,6 +201,7 @@ def _decode(header: _Header, parts: list[ByteArray]) -> Gaussians:
         opacity_logits=opacity_logits_of(opacities[:, 0]),
         sh_dc=((colours / 255.0 - 0.5) / _COLOUR_SCALE).astype(np.float32),
         sh_rest=(sh.astype(np.float32) - 128.0) / 128.0,
+        notes=(CUT_TO_DEGREE_3,) if header.sh_degree > 3 else (),
     )
 
 

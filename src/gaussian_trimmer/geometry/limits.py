@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from gaussian_trimmer.errors import InputError
@@ -40,31 +42,67 @@ def check_values(gaussians: Gaussians, where: str = "") -> None:
     Raises:
         InputError: there is one; the message names the attribute and the first row, and counts all of them.
     """
+    if _unusable(gaussians).any():
+        raise InputError(f"{where}{_describe(gaussians)}: remove such Gaussians, or scale the scene.")
+
+
+def blank_unusable(gaussians: Gaussians, where: str = "") -> Gaussians:
+    """Replace rows of values with which nothing can be computed by invisible copies of others, spread over the scene.
+
+    So all rows keep their numbers, and nothing else that looks at the scene needs to know. Extra columns stay.
+
+    Raises:
+        InputError: as for `check_values`, where no row can be used.
+    """
+    unusable = _unusable(gaussians)
+    if not unusable.any():
+        return gaussians
+    if unusable.all():
+        check_values(gaussians, where)
+    rows, usable = np.arange(len(gaussians)), np.flatnonzero(~unusable)
+    rows[unusable] = usable[np.linspace(0, len(usable) - 1, np.count_nonzero(unusable)).astype(np.int64)]
+    copies = gaussians.select(rows)
+    note = f"{_describe(gaussians)}: they are left out of pictures and results, and row numbers stay as in the file"
+    return copies.replace(
+        opacity_logits=np.where(unusable, -np.inf, copies.opacity_logits),
+        extras=gaussians.extras,
+        notes=(*gaussians.notes, note),
+    )
+
+
+def _unusable(gaussians: Gaussians) -> BoolArray:
+    """Return which rows have values that cannot be used, (N,)."""
+    unusable = np.zeros(len(gaussians), np.bool_)
     for start in range(0, len(gaussians), _ROWS_AT_ONCE):
-        if _unsound(gaussians.select(slice(start, start + _ROWS_AT_ONCE))):
-            found = _unsound(gaussians)
-            assert found
-            name, sound, allowed = found
-            row = int(np.argmin(sound))
-            first = ", ".join(f"{value:.4g}" for value in np.atleast_1d(getattr(gaussians, name)[row]).ravel()[:4])
-            raise InputError(
-                f"{where}{np.count_nonzero(~sound):,} of {len(sound):,} Gaussians have {name} that cannot be used, the "
-                f"first in row {row} ({first}); {allowed} can be: remove such Gaussians, or scale the scene."
-            )
+        part = slice(start, start + _ROWS_AT_ONCE)
+        for _, sound, _ in _unsound(gaussians.select(part)):
+            unusable[part] |= ~sound
+    return unusable
+
+
+def _describe(gaussians: Gaussians) -> str:
+    """Return a clause on values of which some cannot be used."""
+    name, sound, allowed = next(_unsound(gaussians))
+    row, number = int(np.argmin(sound)), np.count_nonzero(_unusable(gaussians))
+    first = ", ".join(f"{value:.4g}" for value in np.atleast_1d(getattr(gaussians, name)[row]).ravel()[:4])
+    return (
+        f"{number:,} of {len(sound):,} Gaussians have {name} that cannot be used, the first in row {row} ({first}); "
+        f"{allowed} can be"
+    )
 
 
 @np.errstate(invalid="ignore", over="ignore")
-def _unsound(gaussians: Gaussians) -> tuple[str, BoolArray, str] | None:
-    """Return an attribute with values that cannot be used, which rows have others, (N,), and what can be used."""
+def _unsound(gaussians: Gaussians) -> Iterator[tuple[str, BoolArray, str]]:
+    """Yield attributes with values that cannot be used, which rows have others, (N,), and what can be used."""
     for name, (low, high) in _RANGES_BY_FIELD.items():
         values: FloatArray = getattr(gaussians, name).reshape(len(gaussians), -1)
         if values.size and not (values.min() >= low and values.max() <= high):  # neither is true of NaN
             sound = np.asarray(((values >= low) & (values <= high)).all(axis=1))
-            return name, sound, f"finite values from {low:.3g} to {high:.3g}"
+            yield name, sound, f"finite values from {low:.3g} to {high:.3g}"
     squares = np.einsum("ni,ni->n", gaussians.quaternions, gaussians.quaternions)
     sound = np.asarray((squares >= _SHORTEST_QUATERNION**2) & (squares <= _LONGEST_QUATERNION**2))
-    allowed = f"lengths from {_SHORTEST_QUATERNION:g} to {_LONGEST_QUATERNION:g}"
-    return None if sound.all() else ("quaternions", sound, allowed)
+    if not sound.all():
+        yield "quaternions", sound, f"lengths from {_SHORTEST_QUATERNION:g} to {_LONGEST_QUATERNION:g}"
 
 
 def check_magnitudes(scene: Gaussians) -> None:

@@ -73,6 +73,7 @@ def sentences(report: Mapping[str, Any]) -> list[str]:
     counts, ups = report["counts"], {up_text(**entry["up"]) for entry in report["objects"]}
     said = [f"{counts['background']:,} Gaussians"]
     said += [f"{counts['hidden']:,} that only objects hid discarded"] if counts["hidden"] else []
+    said += [f"{counts['unusable']:,} unusable rows left out"] if counts["unusable"] else []
     said += [f"{counts['filled']:,} new ones where objects stood"] if counts["filled"] else []
     said += [f"shadow removed from {counts['relit']:,}"] if counts["relit"] else []
     said += [f"{counts['claimed_by_several']:,} claimed by several objects"] if counts["claimed_by_several"] else []
@@ -141,7 +142,8 @@ def _describe_object(result: TrimResult, part: TrimmedObject, labels: LabelArray
 
 def _count_scene(result: TrimResult) -> dict[str, int]:
     """Count Gaussians of the scene, those that were split or were hidden and discarded, and rows of the background."""
-    label = result.background_label
+    label, blank = result.background_label, result.scene.blank
+    selected = np.concatenate([part.selected_rows for part in result.objects])
     return {
         "scene": len(result.scene),
         "objects": len(result.objects),
@@ -149,7 +151,8 @@ def _count_scene(result: TrimResult) -> dict[str, int]:
         "claimed_by_several": result.contested,
         "refused": sum(bool(part.refused) for part in result.objects),
         "split": len(np.unique(result.background_source[label == RowLabel.SPLIT_OUTSIDE])),
-        "hidden": len(np.setdiff1d(result.discarded, np.concatenate([p.selected_rows for p in result.objects]))),
+        "unusable": int(np.count_nonzero(blank[result.discarded])),
+        "hidden": int(np.count_nonzero(~np.isin(result.discarded, selected) & ~blank[result.discarded])),
         "relit": int(np.count_nonzero(label == RowLabel.RELIT)),
         "filled": int(np.count_nonzero(label == RowLabel.FILLED)),
         "background": len(label),

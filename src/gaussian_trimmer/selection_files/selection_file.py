@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from tokenize import TokenError
 from typing import Annotated, Any, Literal
@@ -18,7 +18,7 @@ from gaussian_trimmer.formats import FORMATS, torch_files
 from gaussian_trimmer.formats.checkpoints import Checkpoint, is_checkpoint, parse_checkpoint
 from gaussian_trimmer.formats.identify import SELECTION_SUFFIXES, TEXT_SUFFIXES, TORCH_SUFFIXES, identify
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
-from gaussian_trimmer.geometry.limits import check_values
+from gaussian_trimmer.geometry.limits import blank_unusable
 from gaussian_trimmer.io.reading import file_bytes, is_file, open_archive, read_json, reading
 from gaussian_trimmer.selection_files.row_matching import (
     Columns,
@@ -196,8 +196,8 @@ def _read_torch(path: Path) -> SelectionFile:
         return SelectionFile(path, {"": torch_files.as_array(file, value)})
     if is_checkpoint(value):
         checkpoint = parse_checkpoint(file)
-        check_values(checkpoint.gaussians, f"'{path}': ")
-        return SelectionFile(path, checkpoint=checkpoint)
+        usable = blank_unusable(checkpoint.gaussians, f"'{path}': ")
+        return SelectionFile(path, checkpoint=replace(checkpoint, gaussians=usable))
     if isinstance(value, dict):
         tensors = {str(name): entry for name, entry in value.items() if torch_files.is_tensor(entry)}
         if tensors:

@@ -149,6 +149,19 @@ def rough_objects(objects: Any, n: int) -> list[RoughObject]:
     ]
 
 
+def visible_objects(objects: Sequence[RoughObject], scene: Gaussians) -> list[RoughObject]:
+    """Return the objects without the rows of the scene that reading has found to be unusable.
+
+    Raises:
+        InputError: an object has no others.
+    """
+    usable = ~scene.blank
+    objects = [replace(part, rows=part.rows[usable[part.rows]]) for part in objects]
+    if empty := [part.name for part in objects if not len(part.rows)]:
+        raise InputError(f"What is selected of {empty[0]} has opacities of exactly zero, so nothing of it can be seen.")
+    return list(objects)
+
+
 def _objects_of_labels(labels: NDArray[Any], n: int) -> list[RoughObject]:
     if labels.shape != (n,) or labels.dtype.kind not in "iu":
         raise InputError(

@@ -161,7 +161,7 @@ def assemble_result(
         discarded[rows[removal.discarded | removal.replaced]] = True
         gain[rows] = np.maximum(gain[rows], removal.relight_factor)
     unowned = owner == 0
-    discarded &= unowned
+    discarded = unowned & (discarded | scene.blank)
     relit = np.flatnonzero(unowned & ~discarded & (gain > 1))
     whole = np.flatnonzero(unowned & ~discarded & (gain == 1))
     filled = concatenate([scene.select(slice(0)), *(removal.inpainted for _, removal in removed)])

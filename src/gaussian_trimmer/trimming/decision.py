@@ -157,7 +157,7 @@ def _excluded(setup: Setup, rough: RoughObject) -> BoolArray:
     """Return which Gaussians of the scene may not join an object, (N,)."""
     none = np.zeros(len(setup.scene), np.bool_)
     from_all, from_it = (none if mask is None else mask for mask in (setup.excluded, rough.excluded))
-    return from_all | from_it
+    return from_all | from_it | setup.scene.blank
 
 
 def _outline_views(

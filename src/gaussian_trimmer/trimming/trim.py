@@ -26,6 +26,7 @@ from gaussian_trimmer.trimming.arguments import (
     rough_objects,
     same_cameras,
     settings,
+    visible_objects,
 )
 from gaussian_trimmer.trimming.assembly import assemble_object, assemble_result, resolve_overlaps
 from gaussian_trimmer.trimming.clock import LOG, Clock, Progress
@@ -171,7 +172,7 @@ def _set_up(
     """Check what callers give, and bring it into one form."""
     check_gaussians(scene)
     check_magnitudes(scene)
-    rough = rough_objects(objects, len(scene))
+    rough = visible_objects(rough_objects(objects, len(scene)), scene)
     if masks is not None and len(rough) > 1:
         raise InputError(f"Masks are of one object, and {len(rough)} are to be trimmed; trim them one by one.")
     checked = checked_masks(masks)

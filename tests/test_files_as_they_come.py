@@ -1,0 +1,161 @@
+"""Files as people have them, after reports that they filed: each reads as what its maker meant, or is told why not."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import toy
+from format_samples import sample
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.selection_files import load_selection
+from gaussian_trimmer.trimming.trim import trim
+
+N = 60
+
+
+def columns(gaussians):
+    """Columns of a splat PLY by name, without normals."""
+    parts = {"": gaussians.means, "f_dc_": gaussians.sh_dc, "f_rest_": gaussians.sh_rest.reshape(len(gaussians), -1)}
+    parts |= {"opacity": gaussians.opacity_logits, "scale_": gaussians.log_scales, "rot_": gaussians.quaternions}
+    found = {}
+    for start, values in parts.items():
+        for i, column in enumerate(values.T if values.ndim == 2 else [values]):
+            found["xyz"[i] if not start else start + (str(i) if values.ndim == 2 else "")] = column
+    return found
+
+
+def write_ply(path, table, kind="float", comments=(), after=("", b"")):
+    """Write columns as the vertices of a PLY, all of one kind."""
+    types = {"float": "<f4", "double": "<f8", "ushort": "<f2"}
+    lines = ["ply", "format binary_little_endian 1.0", *(f"comment {text}" for text in comments)]
+    lines += [
+        f"element vertex {len(table['x'])}",
+        *(f"property {kind} {name}" for name in table),
+        *after[0].split("\n"),
+    ]
+    path.write_bytes("\n".join([*filter(None, lines), "end_header\n"]).encode())
+    with path.open("ab") as file:
+        file.write(np.column_stack([*table.values()]).astype(types[kind]).tobytes() + after[1])
+    return path
+
+
+def assert_same(found, expected, atol=0.0):
+    for name, column in columns(expected).items():
+        np.testing.assert_allclose(columns(found)[name], column, rtol=1e-6, atol=atol, err_msg=name)
+
+
+SPOILED = [("x", np.nan), ("scale_1", np.inf), ("f_dc_0", np.nan), ("opacity", np.nan), ("f_rest_3", -np.inf)]
+
+
+@pytest.mark.parametrize(("name", "value"), [*SPOILED, ("all", 0)])
+def test_rows_that_cannot_be_used_are_left_out_and_counted(tmp_path, name, value):
+    gaussians, told = sample(N, 1), []
+    table = {key: column.copy() for key, column in columns(gaussians).items()} | {"id": np.arange(N)}
+    bad = np.isin(np.arange(N), [0, 1, 7, N - 1])
+    for key in table if name == "all" else [name]:
+        table[key][bad & (key != "id")] = value
+    found = formats.read(write_ply(tmp_path / "a.ply", table), say=told.append)
+    assert found.blank.tolist() == bad.tolist()
+    assert_same(found.select(~bad), gaussians.select(~bad))
+    assert found.extras["id"].tolist() == [*range(N)]
+    assert np.isfinite(found.means).all()
+    (sentence,) = told
+    assert f"4 of {N} Gaussians have" in sentence
+    assert "the first in row 0" in sentence
+    assert (
+        len(formats.convert(tmp_path / "a.ply", tmp_path / "b.ply")) == len(formats.read(tmp_path / "b.ply")) == N - 4
+    )
+
+
+def test_a_trim_leaves_unusable_rows_out_of_every_file(tmp_path):
+    scene, ball = toy.ball_on_floor()
+    table = {key: column.copy() for key, column in columns(scene).items()}
+    bad = np.zeros(len(scene), bool)
+    bad[::50] = True
+    table["y"][bad] = np.nan
+    read = formats.read(write_ply(tmp_path / "a.ply", table), say=lambda note: None)
+    result = trim(read, ball, up=toy.UP)
+    rows = np.concatenate([result.objects[0].source_index, result.background_source])
+    assert not bad[rows[rows >= 0]].any()
+    assert set(np.flatnonzero(bad)) <= set(result.discarded)
+    only_usable = ~bad
+    clean = trim(scene.select(only_usable), ball[only_usable], up=toy.UP)
+    assert abs(int(result.object_mask.sum()) - int(clean.object_mask.sum())) <= 0.02 * ball.sum()
+    with pytest.raises(InputError, match="nothing of it can be seen"):
+        trim(read, bad)
+
+
+def of_degree_4(path, gaussians):
+    table = columns(gaussians)
+    rest = np.zeros((len(gaussians), 3, 24), np.float32)
+    rest[:, :, :15], rest[:, :, 15:] = gaussians.sh_rest, 0.5
+    table = {name: column for name, column in table.items() if not name.startswith("f_rest")}
+    write_ply(path, table | {f"f_rest_{i}": column for i, column in enumerate(rest.reshape(len(gaussians), -1).T)})
+
+
+def from_cloudcompare(path, gaussians):
+    names = {name: name if name in "xyz" else f"scalar_{name}" for name in columns(gaussians)}
+    names |= {"opacity": "scal_opacity", "rot_0": "scalar_scal_rot_0"}
+    write_ply(path, {names[name]: column for name, column in columns(gaussians).items()})
+
+
+def with_more_elements(path, gaussians):
+    after = "element extrinsic 2\nproperty float extrinsic\nelement color_space 1\nproperty uchar color_space"
+    write_ply(path, columns(gaussians), after=(after, np.float32([1, 2]).tobytes() + b"\1"))
+
+
+def with_crlf(path, gaussians):
+    write_ply(path, columns(gaussians))
+    header, _, rows = path.read_bytes().partition(b"end_header\n")
+    path.write_bytes((header + b"end_header\n").replace(b"\n", b"\r\n") + rows)
+
+
+@pytest.mark.parametrize(
+    ("make", "atol", "told"),
+    [
+        (of_degree_4, 0, "of degree 4; what is above degree 3 is left out"),
+        (from_cloudcompare, 0, ""),
+        (with_more_elements, 0, ""),
+        (with_crlf, 0, ""),
+        (lambda path, g: write_ply(path, columns(g), "double"), 0, ""),
+        (lambda path, g: write_ply(path, columns(g), "ushort"), 0.01, ""),
+    ],
+    ids=["sh4", "cloudcompare", "sharp", "crlf", "double", "ushort_half"],
+)
+def test_splat_plys_of_other_makers_are_read(tmp_path, make, atol, told):
+    gaussians, said = sample(N, 3), []
+    make(tmp_path / "a.ply", gaussians)
+    assert_same(formats.read(tmp_path / "a.ply", say=said.append), gaussians, atol)
+    assert [text for text in said if told not in text] == []
+    assert bool(said) == bool(told)
+
+
+def test_a_crop_by_cloudcompare_is_a_selection(tmp_path):
+    gaussians, taken = sample(N, 1), np.arange(N) % 3 == 0
+    from_cloudcompare(tmp_path / "crop.ply", gaussians.select(taken))
+    assert load_selection(tmp_path / "crop.ply", gaussians).tolist() == taken.tolist()
+
+
+def test_scales_and_opacities_that_are_none_of_logarithms_are_asked_about(tmp_path):
+    gaussians = sample(N, 1)
+    table = columns(gaussians) | {f"scale_{i}": gaussians.scales[:, i] for i in range(3)}
+    table["opacity"] = gaussians.opacities
+    write_ply(tmp_path / "a.ply", table)
+    with pytest.raises(InputError, match="--values activated"):
+        formats.read(tmp_path / "a.ply")
+    assert_same(formats.read(tmp_path / "a.ply", values="activated"), gaussians, atol=2e-3)
+    np.testing.assert_array_equal(formats.read(tmp_path / "a.ply", values="stored").log_scales, gaussians.scales)
+    command = [sys.executable, "-m", "gaussian_trimmer", "convert", "a.ply", "b.ply", "--values", "activated"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    assert_same(formats.read(tmp_path / "b.ply"), gaussians, atol=2e-3)
+
+
+def test_what_lost_its_digits_far_from_the_origin_is_said(tmp_path):
+    table = columns(sample(N, 1))
+    table = table | {"x": table["x"].astype(float) + 591000, "y": table["y"].astype(float) + 3341600}
+    gaussians = formats.read(write_ply(tmp_path / "a.ply", table, "double"))
+    assert "Coordinates have lost digits" in formats.losses(gaussians, ".ply", ".ply")
+    assert not formats.losses(sample(N, 1), ".ply", ".ply")
