@@ -8,6 +8,7 @@ import sys
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from browser import installed
@@ -24,6 +25,10 @@ def pytest_configure(config):
         signal.signal(signal.SIGINT, signal.default_int_handler)
     # Programs that tests start import the sources that are tested, and find their compiled kernels.
     os.environ["PYTHONPATH"] = os.pathsep.join([str(TESTS.parent / "src"), os.environ.get("PYTHONPATH", "")])
+    if not is_worker(config):
+        state = TemporaryDirectory(prefix="gaussian-trimmer-state-")
+        config.add_cleanup(state.cleanup)
+        os.environ["XDG_STATE_HOME"] = state.name
     if is_worker(config) or not getattr(config.option, "numprocesses", None) or config.option.collectonly:
         return
     filling = [subprocess.Popen([sys.executable, TESTS / "fill_kernels.py", part]) for part in FILLS]

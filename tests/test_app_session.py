@@ -19,19 +19,13 @@ import gaussian_trimmer as gt
 from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits
 from gaussian_trimmer.app.files import save
-from gaussian_trimmer.app.session import (
-    Cancelled,
-    Session,
-    project_as_json,
-    read_project,
-    restore,
-    write_private,
-)
+from gaussian_trimmer.app.session import Cancelled, Session, project_as_json, read_project, restore
 from gaussian_trimmer.app.snapshots import PALETTE, TrimChoices
 from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.errors import InputError, OutputExistsError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import SH_C0
+from gaussian_trimmer.io.writing import write_private
 from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Rows, Sphere, Stroke, read_marks, write_marks
 from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.trimming.up_vector import FROM_FORMAT

@@ -4,12 +4,14 @@ import csv
 import json
 import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import toy
-from batch_runs import QUICK, contents, fresh_of, inline, save_scenes, write_manifest
+from batch_runs import QUICK, contents, fresh_of, inline, parts, save_scenes, write_manifest
 from command_line import run
 
 import gaussian_trimmer as gt
@@ -181,11 +183,12 @@ def test_cells_of_the_table_are_no_formulas(cell):
 
 
 def test_nothing_stays_of_an_item_that_was_begun_and_not_finished(tmp_path):
-    part = tmp_path / "items" / "a" / "b" / ".gaussian-trimmer.part" / "new"
-    part.mkdir(parents=True)
-    (part / "object.ply").write_bytes(b"half")
-    (tmp_path / "items" / "c").mkdir()
-    command._remove_rest(tmp_path / "items" / "a" / "b", tmp_path)
+    begun = "import os, sys, pathlib; from gaussian_trimmer.io.folders import atomic_folder\n"
+    begun += "with atomic_folder(pathlib.Path(sys.argv[1]), 'trim'): os._exit(9)"
+    (tmp_path / "items" / "c").mkdir(parents=True)
+    item = tmp_path / "items" / "a" / "b"
+    assert subprocess.run([sys.executable, "-c", begun, item], check=False).returncode == 9 and parts(item)
+    command._remove_rest(item, tmp_path)
     assert [path.name for path in (tmp_path / "items").iterdir()] == ["c"]
 
 

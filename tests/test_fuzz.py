@@ -26,6 +26,7 @@ if not sys.platform.startswith("linux"):
 import resource
 
 from fuzz.mutations import mutate
+from fuzz.planted import try_folder
 from fuzz.samples import Files, Reader, check_message, readers
 
 from gaussian_trimmer.errors import InputError
@@ -91,6 +92,14 @@ def test_readers_succeed_or_refuse(name: str) -> None:
     command = [sys.executable, "-c", f"from test_fuzz import try_reader; try_reader({name!r})"]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=600)
     assert (done.returncode, done.stdout.strip()) == (0, "end"), done.stdout + done.stderr
+
+
+def test_planted_folders_change_nothing_elsewhere(tmp_path: Path) -> None:
+    for case in range(CASES // 2):
+        try:
+            try_folder(random.Random(f"{SEED}/planted/{case}"), tmp_path / str(case))
+        except Exception as error:
+            raise AssertionError(f"SEED={SEED} planted case {case}") from error
 
 
 def test_misbehaviour_is_seen() -> None:

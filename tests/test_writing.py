@@ -20,22 +20,25 @@ NEW = {"object.ply": "new", "report.json": "newer", "views/0": "new", "more/0": 
 MINE = {"notes": "mine", "views/photo": "mine"}
 
 KILLED = """
-import json, os, pathlib, signal, sys
+import json, os, pathlib, shutil, signal, sys
 from gaussian_trimmer.io.folders import atomic_folder
-left, rename = int(sys.argv[2]), pathlib.Path.rename
-def killing(source, goal):
-    global left
-    left -= 1
-    if left == 0:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return rename(source, goal)
-pathlib.Path.rename = killing
+left = int(sys.argv[2])
+def killing(function):
+    def call(*arguments, **options):
+        global left
+        left -= 1
+        if left == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return function(*arguments, **options)
+    return call
+pathlib.Path.rename, shutil.rmtree = killing(pathlib.Path.rename), killing(shutil.rmtree)
 with atomic_folder(pathlib.Path(sys.argv[1]), "test", overwrite=True) as folder:
+    killing(print)("begun")
     for name, text in json.loads(sys.argv[3]).items():
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text(text)
 """
-"""Writes a folder, and is killed before the k-th renaming."""
+"""Writes a folder, and is killed at the k-th of its steps: making the results, each renaming, removing the rest."""
 
 
 def fill(folder, files):
@@ -48,6 +51,14 @@ def write(folder, files, kind="test", *, overwrite=True):
     """One whole run."""
     with atomic_folder(folder, kind, overwrite=overwrite) as results:
         fill(results, files)
+
+
+def write_killed(folder, k):
+    """Return whether a run that writes `NEW` was killed at a step, or had fewer."""
+    command = [sys.executable, "-c", KILLED, str(folder), str(k), json.dumps(NEW)]
+    code = subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode
+    assert code in (0, -signal.SIGKILL)
+    return code != 0
 
 
 def contents(folder):
@@ -252,34 +263,59 @@ class TestFailedSwaps:
         assert contents(tmp_path) == OLD
 
     @pytest.mark.parametrize("earlier", [{}, OLD])
-    def test_what_a_killed_run_has_moved_is_moved_back(self, tmp_path, earlier):
-        """Killed before each renaming, in a new folder and over earlier results, with a file of the user beside."""
+    def test_a_killed_run_is_undone_or_complete(self, tmp_path, earlier):
+        """Killed at each step, in a new folder and over earlier results, with a file of the user beside."""
+        steps = 1 + len(earlier) + bool(earlier) + len(NEW) + 1 + 1
         for k in count(1):
             folder = tmp_path / str(k)
             if earlier:
                 write(folder, earlier)
             fill(folder, MINE)
-            done = subprocess.run([sys.executable, "-c", KILLED, str(folder), str(k), json.dumps(NEW)], check=False)
-            if done.returncode == 0:
+            if not write_killed(folder, k):
                 break
-            assert done.returncode == -signal.SIGKILL
             remove_leftovers(folder)
-            assert contents(folder) == {**earlier, **MINE}
+            assert contents(folder) == {**(NEW if k == steps else earlier), **MINE}
             write(folder, NEW)
             assert contents(folder) == {**NEW, **MINE}
-        assert k == len(earlier) + bool(earlier) + len(NEW) + 2
+        assert k == steps + 1
+        fill(folder, {".gaussian-trimmer.lock": ""})  # all that is left by the very end
+        remove_leftovers(folder)
+        assert contents(folder) == {**NEW, **MINE}
 
-    def test_a_killed_run_whose_manifest_is_in_place_is_complete(self, tmp_path):
-        write(tmp_path, NEW)
-        fill(tmp_path, {".gaussian-trimmer.part/old/views/1": "old"})
-        remove_leftovers(tmp_path)
-        fill(tmp_path, {".gaussian-trimmer.lock": ""})  # all that is left by the very end
-        remove_leftovers(tmp_path)
-        assert contents(tmp_path) == NEW
+    @pytest.mark.parametrize("lost", ["journal", "state"])
+    def test_what_another_machine_has_begun_stays_and_is_named(self, tmp_path, monkeypatch, caplog, lost):
+        """The journal is not here, or there was no place for it."""
+        out = tmp_path / "out"
+        write(out, OLD)
+        (tmp_path / "file").touch()
+        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / ("file" if lost == "state" else "there")))
+        assert write_killed(out, 4)
+        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "here"))
+        left = contents(out)
+        remove_leftovers(out)
+        with pytest.raises(InputError, match="in the way"):
+            write(out, OLD)
+        assert contents(out) == {name: text for name, text in left.items() if name != ".gaussian-trimmer.lock"}
+        (staging,) = out.glob(".gaussian-trimmer.*.part")
+        assert f"'{staging}' is of a run that you did not begin" in caplog.text and "delete it" in caplog.text
+
+    def test_a_killed_run_is_not_undone_through_a_link(self, tmp_path):
+        out = tmp_path / "out"
+        write(out, OLD)
+        assert write_killed(out, 7)
+        (tmp_path / "elsewhere").mkdir()
+        (out / "views").rmdir()
+        (out / "views").symlink_to(tmp_path / "elsewhere")
+        with pytest.raises(InputError, match="views' is a symbolic link; mend that"):
+            write(out, NEW)
+        assert contents(tmp_path / "elsewhere") == {}
+        (out / "views").unlink()
+        remove_leftovers(out)
+        assert contents(out) == OLD
 
     def test_a_file_that_has_taken_the_place_of_an_earlier_result_stays(self, tmp_path):
         write(tmp_path, OLD)
-        subprocess.run([sys.executable, "-c", KILLED, str(tmp_path), "4", json.dumps(NEW)], check=False)
+        assert write_killed(tmp_path, 5)
         fill(tmp_path, {"object.splat": "mine"})
         with pytest.raises(InputError, match=r"object\.splat"):
             write(tmp_path, NEW)
@@ -304,16 +340,33 @@ class TestOtherRuns:
         write(folder, OLD)
         assert contents(tmp_path) == {f"{name}/{file}": "old" for name in ("a/b", "other") for file in OLD}
 
-    def test_leftovers_of_dead_runs_are_removed_and_young_files_are_not(self, tmp_path):
-        fill(
-            tmp_path,
-            {".gaussian-trimmer.part/new/one": "1", ".gaussian-trimmer-0.part": "", ".gaussian-trimmer-1.part": ""},
-        )
+    @pytest.mark.parametrize("kind", ["link", "hard link", "file", "folder", "pipe"])
+    def test_what_is_not_a_lock_is_not_opened(self, tmp_path, kind):
+        fill(tmp_path, {"precious": "mine", "out/mine": "mine"})
+        lock = tmp_path / "out" / ".gaussian-trimmer.lock"
+        match kind:
+            case "link":
+                lock.symlink_to("../precious")
+            case "hard link":
+                lock.hardlink_to(tmp_path / "precious")
+            case "file":
+                lock.write_text("precious")
+            case "folder":
+                lock.mkdir()
+            case "pipe":
+                os.mkfifo(lock)
+        before = contents(tmp_path)
+        refused(tmp_path / "out", r"\.gaussian-trimmer\.lock' is not a lock of this program; delete it", overwrite=True)
+        remove_leftovers(tmp_path / "out")
+        assert contents(tmp_path) == before and os.path.lexists(lock)
+
+    def test_temporary_files_of_a_day_ago_are_removed_and_young_ones_are_not(self, tmp_path):
+        fill(tmp_path, {".gaussian-trimmer-0.part": "", ".gaussian-trimmer-1.part": ""})
         os.utime(tmp_path / ".gaussian-trimmer-0.part", (0, 0))
         remove_leftovers(tmp_path)
         assert contents(tmp_path) == {".gaussian-trimmer-1.part": ""}
 
     def test_the_folder_of_a_killed_run_counts_as_empty(self, tmp_path):
-        fill(tmp_path, {".gaussian-trimmer.part/new/one": "1", ".gaussian-trimmer.lock": ""})
+        assert write_killed(tmp_path, 2)
         write(tmp_path, NEW, overwrite=False)
         assert contents(tmp_path) == NEW

@@ -13,19 +13,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.app.session import (
-    Session,
-    autosave_path,
-    project_as_json,
-    read_project,
-    restore,
-    write_private,
-)
+from gaussian_trimmer.app.session import Session, autosave_path, project_as_json, read_project, restore
 from gaussian_trimmer.app.snapshots import Document, MarkedObject, Progress, Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.io.folders import atomic_folder
-from gaussian_trimmer.io.writing import safe_file_name
+from gaussian_trimmer.io.writing import safe_file_name, write_private
 from gaussian_trimmer.output.engines import ENGINES, EngineName, PlacingOptions
 from gaussian_trimmer.output.report import describe, file_stems
 from gaussian_trimmer.output.saving import RESULTS, result_files, write_trim

@@ -21,8 +21,8 @@ from urllib.parse import urlsplit
 from gaussian_trimmer import sample
 from gaussian_trimmer.app.controller import Controller
 from gaussian_trimmer.app.jobs import Jobs
-from gaussian_trimmer.app.session import private_folder, state_folder, write_private
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.writing import private_folder, state_folder, write_private
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection

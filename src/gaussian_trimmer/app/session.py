@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -20,7 +19,6 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import PROJECT
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import read_json
-from gaussian_trimmer.io.writing import make_folder, write_whole
 from gaussian_trimmer.selecting.marks import Click, Marks, marks_as_json, marks_from_json
 from gaussian_trimmer.selecting.select import views_to_click_in
 from gaussian_trimmer.settings import from_plain
@@ -154,35 +152,6 @@ class Project:
     def scene_size(self) -> int | None:
         """Number of Gaussians of the scene."""
         return next(iter(self.objects.values())).scene_size
-
-
-def state_folder() -> Path:
-    """Return where the app keeps its own files on this machine."""
-    return Path(os.environ.get("XDG_STATE_HOME") or "~/.local/state").expanduser() / "gaussian-trimmer"
-
-
-def private_folder(folder: Path) -> Path:
-    """Make a folder that its user alone can enter, and return it.
-
-    Raises:
-        InputError: it cannot be made.
-    """
-    make_folder(folder)
-    with suppress(OSError):  # a file system without permissions
-        folder.chmod(0o700)
-    return folder
-
-
-def write_private(path: Path, data: str | bytes) -> None:
-    """Write a file that its user alone can read; missing folders are made, and private.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    private_folder(path.parent)
-    write_whole(path, data)
-    with suppress(OSError):
-        path.chmod(0o600)
 
 
 def autosave_path(folder: Path, scene: Gaussians) -> Path:

@@ -1,26 +1,30 @@
 """Folders of results that appear whole or not at all, and replace earlier results and nothing else.
 
-While results are being made, they wait in `.gaussian-trimmer.part/new` in their folder. At the end, the files that the
-manifest of an earlier run lists, `manifest.json`, move to `.gaussian-trimmer.part/old`, the new ones take their places,
-the manifest last, and the old ones are deleted. Whatever fails before the manifest is in place moves everything back;
-of a run that was killed, the next one does.
+While results are being made, they wait in their folder, in `new` of a staging folder with a random name. At the end,
+the files that the manifest of an earlier run lists, `manifest.json`, move to `old` of it, the new ones take their
+places, the manifest last, and the old ones are deleted. Whatever fails before the manifest is in place moves everything
+back; of a run that was killed, the next one does, by a journal in the user's private state: nothing that lies in the
+folder, which may come from a stranger, says what to move or to delete.
 """
 
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
+import logging
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+import stat
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from gaussian_trimmer._version import __version__
-from gaussian_trimmer.errors import FolderInUseError, InputError, OutputExistsError
+from gaussian_trimmer.errors import FolderInUseError, InputError, OutputExistsError, printable
 from gaussian_trimmer.io.reading import is_file, read_json
-from gaussian_trimmer.io.writing import HIDDEN_PREFIX, STAGING, note_written, remove_old_parts
+from gaussian_trimmer.io.writing import HIDDEN_PREFIX, note_written, private_folder, remove_old_parts, state_folder
 
 MANIFEST = "manifest.json"
 _PROGRAM = "gaussian-trimmer"
@@ -59,27 +63,29 @@ def atomic_folder(
     try:
         with _os_errors_reported(folder):
             target = Path(os.path.realpath(folder))
-            staging = target / STAGING
-            missing = [place for place in (staging, *staging.parents) if not place.exists()]
-            staging.mkdir(parents=True, exist_ok=True)
+            missing = [place for place in (target, *target.parents) if not place.exists()]
+            target.mkdir(parents=True, exist_ok=True)
         with _locked(target, folder):
+            staging = target / f"{HIDDEN_PREFIX}.{os.urandom(6).hex()}.part"
+            run = {"folder": str(target), "staging": staging.name, "moves": []}
+            _recover(target)
             try:
                 with _os_errors_reported(folder):
-                    _recover(target)
                     if not overwrite and any(not path.name.startswith(HIDDEN_PREFIX) for path in target.iterdir()):
                         raise OutputExistsError(folder)
                     earlier = earlier_results(target, kind)
                     found = (path for pattern in names for path in target.glob(pattern))
                     _refuse_conflicts(target, [path.relative_to(target).as_posix() for path in found], earlier)
                     _refuse_inputs(target, earlier, inputs)
+                    _keep_journal(target, run)
                     (staging / "new").mkdir(parents=True)
                 yield staging / "new"
                 with _os_errors_reported(folder, "what was there is unchanged"):
                     write_manifest(staging / "new", kind, source)
-                    _swap(target, earlier_results(target, kind) if overwrite else [])
-                    note_written(folder)
+                    _swap(target, run, earlier_results(target, kind) if overwrite else [])
             finally:
-                _discard(staging)
+                if _end(target, run):
+                    note_written(folder)
     finally:
         for place in missing:
             with suppress(OSError):  # It holds the results.
@@ -90,9 +96,10 @@ def remove_leftovers(folder: Path) -> None:
     """Give back what dead runs have moved in a folder; remove their results and temporary files that are a day old."""
     remove_old_parts(folder)
     with suppress(OSError, InputError):
-        if (folder / STAGING).is_dir() or (folder / _LOCK).exists():
-            with _locked(folder, folder):
-                _recover(folder.resolve())
+        target = Path(os.path.realpath(folder))
+        if _journal_of(target).exists() or (target / _LOCK).exists():
+            with _locked(target, folder):
+                _recover(target)
 
 
 @contextmanager
@@ -106,10 +113,18 @@ def _os_errors_reported(folder: Path, cure: str = "choose another folder") -> It
 
 @contextmanager
 def _locked(target: Path, shown: Path) -> Iterator[None]:
-    """Hold the lock of a folder, which the system releases when the process dies."""
+    """Hold the lock of a folder, which the system releases when the process dies.
+
+    Raises:
+        InputError: another run holds it, or what has its name is not a lock, and might be emptied by locking it.
+    """
     from filelock import FileLock, Timeout  # late, since most commands need neither it nor its import
 
     path = target / _LOCK
+    with suppress(OSError):
+        status = path.lstat()
+        if not stat.S_ISREG(status.st_mode) or status.st_size or status.st_nlink > 1:
+            raise InputError(f"'{path}' is not a lock of this program; delete it, or choose another folder.")
     lock = FileLock(path, timeout=_LOCK_WAIT_SECONDS, thread_local=False)
     with _os_errors_reported(shown):
         try:
@@ -153,61 +168,96 @@ def _refuse_inputs(target: Path, earlier: Iterable[str], inputs: Iterable[Path])
                 )
 
 
-def _swap(target: Path, earlier: Sequence[str]) -> None:
-    """Move the earlier results into the staging folder and the new ones out of it, or leave everything as it was."""
-    new, old = target / STAGING / "new", target / STAGING / "old"
-    coming = sorted(files_in(new), key=lambda name: name == MANIFEST)
+def _swap(target: Path, run: dict[str, Any], earlier: Sequence[str]) -> None:
+    """Move the earlier results into the staging folder and the new ones out of it."""
+    new, old = f"{run['staging']}/new", f"{run['staging']}/old"
+    coming = sorted(files_in(target / new), key=lambda name: name == MANIFEST)
     _refuse_conflicts(target, coming, earlier)
-    moves = [(target / name, old / name) for name in earlier] + [(new / name, target / name) for name in coming]
-    try:
-        for source, goal in moves:
-            goal.parent.mkdir(parents=True, exist_ok=True)
-            source.rename(goal)
-    except BaseException:
-        _move_back(target)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
-    _remove_empty_parents(target, earlier)
+    pairs = [(name, f"{old}/{name}") for name in earlier] + [(f"{new}/{name}", name) for name in coming]
+    run["moves"] = [[source, goal, _identity(target / source)] for source, goal in pairs]
+    _keep_journal(target, run)
+    for source, goal in pairs:
+        (target / goal).parent.mkdir(parents=True, exist_ok=True)
+        (target / source).rename(target / goal)
+    run["complete"] = True
 
 
-def _move_back(target: Path) -> None:
-    """Undo the moves of a swap that did not end, as far as files still are what it moved.
+def _end(target: Path, run: Mapping[str, Any]) -> bool:
+    """Undo the moves of a run, unless its manifest, which moves last, is in place; remove what it has left.
+
+    Only files that still are what the run moved move back. Return whether the run was complete.
 
     Raises:
-        InputError: an earlier result cannot be moved back.
+        InputError: an earlier result cannot be moved back; all that is left of the run stays.
     """
-    new, old = target / STAGING / "new", target / STAGING / "old"
-    sizes = listed_sizes(new)
-    coming = [name for name, size in sizes.items() if not os.path.lexists(new / name) and has_size(target, name, size)]
-    moves = [(target / name, new / name) for name in coming] + [(old / name, target / name) for name in files_in(old)]
+    staging, moves = run["staging"], run["moves"]
+    old = target / staging / "old"
+    complete = "complete" in run or (bool(moves) and _identity(target / moves[-1][1]) == moves[-1][2])
     try:
-        for source, goal in moves:
-            if os.path.lexists(goal):
-                raise FileExistsError(errno.EEXIST, f"another file is at '{goal}'")
-            goal.parent.mkdir(parents=True, exist_ok=True)
-            source.rename(goal)
+        for source, goal, identity in [] if complete else reversed(moves):
+            if _identity(target / goal) == identity:
+                _move_back(target / goal, target / source)
+        if not complete and files_in(old):
+            raise FileExistsError(errno.EEXIST, "they have changed since")
     except OSError as error:
         raise InputError(
             f"Earlier results of '{target}' cannot be moved back from '{old}': {error.strerror or error}; mend that, "
             "and run again."
         ) from error
-    _remove_empty_parents(target, sizes)
+    shutil.rmtree(target / staging, ignore_errors=True)
+    with suppress(OSError, InputError):
+        _journal_of(target).unlink()
+    _remove_empty_parents(target, (name for move in moves for name in move[:2] if not name.startswith(staging)))
+    return complete
+
+
+def _move_back(path: Path, goal: Path) -> None:
+    if goal.parent.resolve() != goal.parent:
+        raise OSError(errno.ELOOP, f"'{goal.parent}' is a symbolic link")
+    if os.path.lexists(goal):
+        raise FileExistsError(errno.EEXIST, f"another file is at '{goal}'")
+    goal.parent.mkdir(parents=True, exist_ok=True)
+    path.rename(goal)
+
+
+def _identity(path: Path) -> list[int] | None:
+    """Return inode, size and time of a file, which stay when it is moved; None if it is missing or behind a link."""
+    with suppress(OSError):
+        status = path.lstat()
+        if path.parent.resolve() == path.parent:
+            return [status.st_ino, status.st_size, status.st_mtime_ns]
+    return None
+
+
+def _journal_of(target: Path) -> Path:
+    """Return the file in which the run that writes to a folder notes what it has begun there."""
+    return state_folder() / "runs" / f"{hashlib.sha256(os.fsencode(target)).hexdigest()[:32]}.json"
+
+
+def _keep_journal(target: Path, run: Mapping[str, Any]) -> None:
+    """Note what a run has begun, for the next one; without a place for it, what a kill leaves is for the user."""
+    with suppress(OSError, InputError):
+        journal = _journal_of(target)
+        private_folder(journal.parent)
+        part = journal.with_suffix(".part")
+        part.write_text(json.dumps(run), encoding="utf-8")
+        part.replace(journal)
 
 
 def _recover(target: Path) -> None:
-    """Undo a swap that was killed, unless its manifest, which moves last, is in place; remove its staging folder."""
-    if os.path.lexists(target / STAGING / "new" / MANIFEST):
-        _move_back(target)
-    _discard(target / STAGING)
-
-
-def _discard(staging: Path) -> None:
-    """Remove the staging folder, unless it holds earlier results that could not be moved back."""
-    if os.path.lexists(staging / "new" / MANIFEST) and files_in(staging / "old"):
-        return
-    with suppress(OSError):  # first, since it says that files which are not in the folder have been moved
-        (staging / "new" / MANIFEST).unlink()
-    shutil.rmtree(staging, ignore_errors=True)
+    """Undo what this user's last run has begun in a folder, if it was killed; name what others have left there."""
+    run = None
+    with suppress(InputError):
+        run = read_json(_journal_of(target))
+    if isinstance(run, dict) and run.get("folder") == str(target):
+        _end(target, run)
+    for path in sorted(target.glob(f"{HIDDEN_PREFIX}*.part")):
+        if path.is_symlink() or path.is_dir():
+            logging.getLogger(__name__).warning(
+                "'%s' is of a run that you did not begin on this machine, or not of this program; it stays as it is: "
+                "take what you miss out of it, and delete it.",
+                printable(str(path)),
+            )
 
 
 def _remove_empty_parents(folder: Path, names: Iterable[str]) -> None:

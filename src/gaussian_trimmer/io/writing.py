@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 HIDDEN_PREFIX = ".gaussian-trimmer"
-STAGING = f"{HIDDEN_PREFIX}.part"
-"""Folder in which the results of a run wait until they are whole."""
+"""Of the names that things have until they are whole."""
 _SECONDS_UNTIL_LEFT_OVER = 24 * 3600.0
 _LONGEST = 150
 """Bytes; file systems allow 255, of which endings take some."""
@@ -96,7 +95,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
         part.touch(exist_ok=False)
         yield part
         part.replace(path)
-        if STAGING not in path.parts:
+        if not any(part.startswith(HIDDEN_PREFIX) for part in path.parts):
             note_written(path)
     except OSError as error:
         raise InputError(f"Cannot write '{path}': {error.strerror or error}.") from error
@@ -133,6 +132,42 @@ def write_whole(path: Path, data: str | bytes | memoryview) -> None:
     """
     with atomic_file(path) as part:
         part.write_bytes(data.encode() if isinstance(data, str) else data)
+
+
+def state_folder() -> Path:
+    """Return where the program keeps its own files on this machine.
+
+    Raises:
+        InputError: the user has no home.
+    """
+    try:
+        return Path(os.environ.get("XDG_STATE_HOME") or "~/.local/state").expanduser() / "gaussian-trimmer"
+    except RuntimeError as error:
+        raise InputError("The user has no home; set XDG_STATE_HOME to a folder that is writable.") from error
+
+
+def private_folder(folder: Path) -> Path:
+    """Make a folder that its user alone can enter, and return it.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    make_folder(folder)
+    with suppress(OSError):  # a file system without permissions
+        folder.chmod(0o700)
+    return folder
+
+
+def write_private(path: Path, data: str | bytes) -> None:
+    """Write a file that its user alone can read; missing folders are made, and private.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    private_folder(path.parent)
+    write_whole(path, data)
+    with suppress(OSError):
+        path.chmod(0o600)
 
 
 def write_json(document: Any, path: Path) -> None:
