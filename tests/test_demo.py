@@ -9,14 +9,14 @@ from command_line import run
 from gaussian_trimmer import formats, sample
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.io.folders import atomic_folder
-from gaussian_trimmer.masks.mask_files import cameras_with_masks
+from gaussian_trimmer.masks.mask_files import find_masks
 
 
 def test_sample_is_complete_and_small():
     scene, selection = formats.read(sample.SCENE), np.load(sample.SELECTION, allow_pickle=False)
     assert selection.shape == (len(scene),)
     assert 0 < np.count_nonzero(selection) < 0.1 * len(scene)
-    assert len(cameras_with_masks(read_camera_set(sample.CAMERAS).cameras, sample.MASKS)) == 10
+    assert len(find_masks(read_camera_set(sample.CAMERAS).cameras, sample.MASKS)) == 10
     folder = sample.SCENE.parent
     assert "CC0" in (folder / "LICENSE.txt").read_text()
     assert sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) < 8_000_000

@@ -23,7 +23,7 @@ def camera(name="a.jpg", width=WIDTH, height=HEIGHT):
 
 
 def jpeg(*options):
-    picture = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
+    picture = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH), np.uint8)
     return cv2.imencode(".jpg", picture, options)[1].tobytes()
 
 
@@ -52,9 +52,9 @@ def test_a_photograph_with_a_film_appended(tmp_path):
     film = np.random.default_rng(0).integers(0, 256, 6_000_000, np.uint8).tobytes()
     assert film.count(b"\xff\xda") > 64
     (tmp_path / "a.jpg").write_bytes(jpeg())
-    alone = mask_of(camera(), tmp_path)
+    alone = mask_of(camera(), tmp_path / "a.jpg")
     (tmp_path / "a.jpg").write_bytes(jpeg() + film)
-    np.testing.assert_array_equal(mask_of(camera(), tmp_path), alone)
+    np.testing.assert_array_equal(mask_of(camera(), tmp_path / "a.jpg"), alone)
     assert alone.shape == (HEIGHT, WIDTH)
 
 
@@ -63,7 +63,7 @@ def test_a_picture_turned_on_its_side(tmp_path):
     exif = b"Exif\0\0MM\0*\0\0\0\x08\0\1\x01\x12\0\3\0\0\0\1\0\6\0\0\0\0\0\0"
     data = jpeg()
     (tmp_path / "a.jpg").write_bytes(data[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + data[2:])
-    assert mask_of(camera(width=HEIGHT, height=WIDTH), tmp_path).shape == (WIDTH, HEIGHT)
+    assert mask_of(camera(width=HEIGHT, height=WIDTH), tmp_path / "a.jpg").shape == (WIDTH, HEIGHT)
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_what_cannot_be_measured_is_not_decoded(data, tmp_path, monkeypatch):
     (tmp_path / "a.jpg").write_bytes(data())
     monkeypatch.setattr(cv2, "imdecode", None)
     with pytest.raises(InputError, match=r"a\.jpg' is not a picture"):
-        mask_of(camera(), tmp_path)
+        mask_of(camera(), tmp_path / "a.jpg")
 
 
 @pytest.mark.parametrize("size", [(30_000, 30_000), (60_000, 60_000)])
@@ -89,7 +89,7 @@ def test_pictures_are_measured_before_they_are_decoded(size, tmp_path, monkeypat
     monkeypatch.setattr(cv2, "imdecode", None)
     for read, seen in itertools.product((mask_of, ids_of), (camera(), camera(width=size[0], height=size[1]))):
         with pytest.raises(InputError, match="pixels, too many"):
-            read(seen, tmp_path)
+            read(seen, tmp_path / "a.png")
 
 
 class TestNamesOfCameras:

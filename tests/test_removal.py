@@ -11,7 +11,7 @@ from gaussian_trimmer.evaluation.ground_truth import views_in
 from gaussian_trimmer.evaluation.metrics import likeness
 from gaussian_trimmer.evaluation.scoring import IGNORED
 from gaussian_trimmer.geometry.bounds import own_frame, robust_bounds
-from gaussian_trimmer.masks.mask_files import cameras_with_masks
+from gaussian_trimmer.masks.mask_files import find_masks
 from gaussian_trimmer.removal.remove import remove
 from gaussian_trimmer.removal.views import RemovalViews
 from gaussian_trimmer.rendering import render
@@ -65,7 +65,7 @@ def test_the_scene_without_an_object_is_what_pictures_without_it_show(name):
     scene = open_scene(folder)
     cameras = read_camera_set(scene.cameras_file)
     others = tuple(folder / "masks" / other for other in OBJECTS if other != name)
-    pictured = cameras_with_masks(cameras.pinhole_cameras(), folder / "removed" / name)
+    pictured = [camera for camera, _ in find_masks(cameras.pinhole_cameras(), folder / "removed" / name)]
     _, views = views_in(pictured, folder / "masks" / name, folder / "removed" / name, others, IGNORED)
     result = trim(scene.gaussians, scene.coarse(name, "dilated"), cameras=only_training(cameras), up=scene.up)
     scores = [

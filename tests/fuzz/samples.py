@@ -309,5 +309,5 @@ def _read_project(path: Path) -> None:
 
 def _read_mask(path: Path) -> None:
     camera = Camera(np.eye(4), intrinsics(0.8, _WIDTH, _HEIGHT), _WIDTH, _HEIGHT, path.with_suffix(".JPG").name)
-    mask = mask_of(camera, path.parent)
+    mask = mask_of(camera, path)
     assert mask.shape == (_HEIGHT, _WIDTH) and mask.dtype == np.bool_

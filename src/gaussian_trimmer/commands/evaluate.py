@@ -56,7 +56,7 @@ from gaussian_trimmer.evaluation.tables import (
 from gaussian_trimmer.evaluation.trials import Run
 from gaussian_trimmer.gaussians import FloatArray, Gaussians
 from gaussian_trimmer.io.folders import atomic_folder
-from gaussian_trimmer.masks.mask_files import cameras_with_masks, find_mask
+from gaussian_trimmer.masks.mask_files import find_mask, find_masks
 from gaussian_trimmer.parser import Parser
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selection_files import SelectionOptions, load_objects
@@ -233,13 +233,13 @@ def _several(
             f"--images, --ignore, --before, --clip and --threshold are for one object; '{arguments.masks}' has "
             "a folder of masks for each of several."
         )
-    seen = {camera.name for folder in folders for camera in cameras_with_masks(cameras, folder)}
-    views = [camera for camera in cameras if camera.name in seen]
+    masks = [{camera.name: path for camera, path in find_masks(cameras, folder)} for folder in folders]
+    views = [camera for camera in cameras if any(camera.name in paths for paths in masks)]
     file = arguments.result / "labels.npz" if arguments.result.is_dir() else arguments.result
     labels = load_objects(file, scene, arguments.objects, selection_options_of(arguments))
     numbers = [int(number) for number in (arguments.objects or np.unique(labels[labels > 0]))]
     found = [np.asarray(labels == number) for number in numbers]
-    ious, rows = 100 * ious_of(shared_pixels(scene, found, _truths(views, folders))), list[list[Cell]]()
+    ious, rows = 100 * ious_of(shared_pixels(scene, found, _truths(views, masks))), list[list[Cell]]()
     for folder, of_true in zip(folders, ious, strict=True):
         number = numbers[int(of_true.argmax())] if of_true.any() else None
         rows.append([clip_name(folder.name), number, float(of_true.max(initial=0))])
@@ -250,10 +250,12 @@ def _several(
     )
 
 
-def _truths(cameras: Sequence[Camera], folders: Sequence[Path]) -> Iterator[tuple[Camera, list[FloatArray]]]:
+def _truths(
+    cameras: Sequence[Camera], masks: Sequence[Mapping[str, Path]]
+) -> Iterator[tuple[Camera, list[FloatArray]]]:
     """Yield the cameras at the size of their masks, and the coverage of each true object."""
     for camera in cameras:
-        found = [view_of(camera, path) if (path := find_mask(folder, camera)) else None for folder in folders]
+        found = [view_of(camera, path) if (path := paths.get(camera.name)) else None for paths in masks]
         first = next(view for view in found if view is not None)
         coverages = [view.coverage if view else np.zeros_like(first.coverage) for view in found]
         if any(coverage.shape != first.coverage.shape for coverage in coverages):
@@ -271,7 +273,7 @@ def _measure_removal(arguments: Namespace) -> Findings:
     background = read_background(arguments.result)
     cameras = read_cameras_of(arguments.result, arguments.cameras, trust_paths=arguments.trust_paths).pinhole_cameras()
     check_folders(arguments.images)
-    pictured = cameras_with_masks(cameras, arguments.without)
+    pictured = [camera for camera, _ in find_masks(cameras, arguments.without)]
     found, views = views_in(pictured, arguments.masks, arguments.without, arguments.ignore, ignored_above=IGNORED)
     rows: list[list[Cell]] = []
     for view in views:

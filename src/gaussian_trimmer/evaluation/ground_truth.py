@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import starmap
 from pathlib import Path
 
 import cv2
@@ -19,7 +20,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
-from gaussian_trimmer.masks.mask_files import cameras_with_masks, find_mask, read_picture
+from gaussian_trimmer.masks.mask_files import find_mask, find_masks, read_picture
 from gaussian_trimmer.views.view import HALF_COVERAGE
 
 _MAX_PIXELS = 1 << 26
@@ -195,15 +196,15 @@ def views_in(
     Raises:
         InputError: the folder has no mask of any camera, or a view has no photograph in `images`.
     """
-    found = cameras_with_masks(cameras, masks)
+    found = find_masks(cameras, masks)
     check_folders(images, *ignored)
 
-    def view(camera: Camera) -> TestView:
+    def view(camera: Camera, path: Path) -> TestView:
         image = find_picture(images, camera) if images else None
-        others = [path for folder in ignored if (path := find_mask(folder, camera))]
-        return view_of(camera, find_picture(masks, camera), image, others, ignored_above=ignored_above)
+        others = [other for folder in ignored if (other := find_mask(folder, camera))]
+        return view_of(camera, path, image, others, ignored_above=ignored_above)
 
-    return found, map(view, found)
+    return [camera for camera, _ in found], starmap(view, found)
 
 
 def check_folders(*folders: Path | None) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
-from gaussian_trimmer.masks.mask_files import cameras_with_masks, ids_of, mask_of
+from gaussian_trimmer.masks.mask_files import find_masks, ids_of, read_masks
 from gaussian_trimmer.rendering.tile_renderer import label_weights
 from gaussian_trimmer.selection_files.method_kinds import assign_labels
 from gaussian_trimmer.views.view import HALF_COVERAGE
@@ -100,11 +100,13 @@ def lift_folder(
     """
     if cameras is None:
         raise InputError("Masks need the cameras of their pictures: --cameras PATH.")
-    posed = cameras_with_masks(cameras.pinhole_cameras(), folder)
     if ids:
-        images = [ids_of(camera, folder) for camera in posed]
+        found = find_masks(cameras.pinhole_cameras(), folder)
+        posed, images = [camera for camera, _ in found], [ids_of(camera, path) for camera, path in found]
         return lift_objects_by_assignment(gaussians, posed, images, gamma), len(posed)
-    return lift_by_assignment(gaussians, posed, [mask_of(camera, folder) for camera in posed], gamma), len(posed)
+    pairs = read_masks(folder, cameras)
+    selected = lift_by_assignment(gaussians, [camera for camera, _ in pairs], [mask for _, mask in pairs], gamma)
+    return selected, len(pairs)
 
 
 def _places(image: Ids, numbers: Ids) -> LabelArray:
