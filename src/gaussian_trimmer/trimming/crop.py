@@ -23,9 +23,9 @@ from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering import Rendering, blend_values, render
 from gaussian_trimmer.trimming.arguments import Setup, same_cameras
 from gaussian_trimmer.trimming.config import CONTEXT_RADIUS
-from gaussian_trimmer.views.by_sight import ChosenViews, choose_views
+from gaussian_trimmer.views.by_sight import TRIAL_RADII, ChosenViews, choose_views
 from gaussian_trimmer.views.view import HALF, View, bounding_box, clearly_nearer, visible_weight
-from gaussian_trimmer.views.virtual_cameras import cameras_that_see, plan_cameras
+from gaussian_trimmer.views.virtual_cameras import cameras_around, cameras_that_see, framed_bounds
 
 _MOST_STEPS = 8
 """Limit to the work: steps from Gaussian to touching Gaussian in which what is selected hangs together with the
@@ -97,16 +97,24 @@ def crop_scene(setup: Setup, selection: BoolArray, excluded: BoolArray, up: Floa
         up: the up vector, (3,).
     """
     scene, config = setup.scene, setup.config
-    known = training_cameras(setup.cameras)
-    virtual, bounds = plan_cameras(scene.select(selection), up, config.plan, known)
-    rows, selected = _surroundings(scene, selection, bounds, config.context_radius)
-    cameras, whole_bounds, chosen = virtual, bounds, None
+    target = scene.select(selection)
+    bounds = whole_bounds = framed_bounds(target, up, config.plan)
+    squared = _squared_distances(scene, bounds)
+    rows, selected = _surroundings(scene, selection, squared, bounds, config.context_radius)
+    seeing, chosen = cameras_that_see(training_cameras(setup.cameras), bounds), None
     if setup.view_cameras:
         cameras = list(setup.view_cameras)
-    elif config.plan.is_free and not cameras_that_see(known, bounds):
-        bounds = robust_bounds(scene.select(rows[selected]), bounds.axes)
-        chosen = choose_views(scene, rows[selected], bounds, max(config.plan.views, config.refinement.views))
+    elif config.plan.is_free and not seeing:
+        members = rows[selected]
+        if len(members) < len(target):
+            bounds = robust_bounds(scene.select(members), bounds.axes)
+        near = squared < (TRIAL_RADII * whole_bounds.radius) ** 2
+        near[members] = False
+        count = max(config.plan.views, config.refinement.views)
+        chosen = choose_views(scene, members, np.flatnonzero(near), bounds, count)
         cameras = chosen.cameras(config.plan.views, config.plan.size, config.plan.fov_degrees, config.plan.fill)
+    else:
+        cameras = cameras_around(target, bounds, config.plan, seeing)
     masked = [camera for camera, _ in setup.masks or ()]
     pictured = bool(masked) and not same_cameras(masked, cameras)
     if pictured:
@@ -162,16 +170,20 @@ def complete_views(crop: SceneCrop, renderings: SceneRenderings, probability: Fl
     return views
 
 
+def _squared_distances(scene: Gaussians, bounds: Bounds) -> FloatArray:
+    """Return squared distances of all Gaussians from an object's centre, (N,)."""
+    offset = scene.means - bounds.centre.astype(np.float32)
+    return np.asarray(np.einsum("ni,ni->n", offset, offset))
+
+
 def _surroundings(
-    scene: Gaussians, selection: BoolArray, bounds: Bounds, context_radius: float
+    scene: Gaussians, selection: BoolArray, squared: FloatArray, bounds: Bounds, context_radius: float
 ) -> tuple[IntArray, BoolArray]:
     """Return scene rows of the object and of the Gaussians around it (eq. 7), and which of them are the object.
 
     Selected Gaussians far from the object that nothing connects with it, floaters, are neither; nor are those that are
     wider than what is looked at.
     """
-    offset = scene.means - bounds.centre.astype(np.float32)
-    squared = np.einsum("ni,ni->n", offset, offset)
     reach = max(context_radius, CONTEXT_RADIUS) * bounds.radius
     possible = selection & (scene.largest_log_scales < np.log(reach))
     members = possible & (squared < reach**2)

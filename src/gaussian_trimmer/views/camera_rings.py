@@ -48,6 +48,15 @@ def ring(
     return [Camera(pose, K, lens.size, lens.size, near=lens.near) for pose in poses]
 
 
+def framing_ring(
+    bounds: Bounds, yaws: Float64Array, pitches: Float64Array | float, size: int, fov_radians: float, fill: float
+) -> list[Camera]:
+    """Return cameras of a `ring` about bounds, which lie within the middle `fill` of every view, of `size` pixels."""
+    distance = framing_distance(bounds, yaws, pitches, fov_radians, fill)
+    lens = Lens(size, fov_radians, NEAR_RADII * bounds.radius)
+    return ring(bounds.centre, bounds.axes, distance, yaws, pitches, lens)
+
+
 def ring_poses(
     centre: Float64Array, axes: Float64Array, distance: float, yaws: Float64Array, pitches: Float64Array | float
 ) -> list[Float64Array]:

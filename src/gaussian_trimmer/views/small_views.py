@@ -9,7 +9,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.geometry.bounds import BOUND_PERCENTILES, Bounds
-from gaussian_trimmer.views.camera_rings import NEAR_RADII, Lens, framing_distance, ring
+from gaussian_trimmer.views.camera_rings import framing_ring
 from gaussian_trimmer.views.virtual_cameras import FULL_CIRCLE_GAP, MAX_PITCH, PlanConfig, cameras_that_see, widest_gap
 
 FAR_FOV_DEGREES = 20.0
@@ -55,9 +55,8 @@ def views_at_heights(
     heights = np.radians(np.clip(pitch + np.array(_PITCH_STEPS), min(low, pitch), max(high, pitch)))
     # One after the other at the next height, a step of yaw farther: as seen from above they are evenly spread.
     places = first + span * (np.arange(count) + 0.5) / count
-    pitches, fov = heights[np.arange(count) % len(heights)], float(np.radians(FAR_FOV_DEGREES))
-    distance = framing_distance(bounds, places, pitches, fov, PlanConfig.fill)
-    return ring(bounds.centre, bounds.axes, distance, places, pitches, Lens(size, fov, NEAR_RADII * bounds.radius))
+    pitches = heights[np.arange(count) % len(heights)]
+    return framing_ring(bounds, places, pitches, size, float(np.radians(FAR_FOV_DEGREES)), PlanConfig.fill)
 
 
 def close_up_of(camera: Camera, bounds: Bounds, size: int) -> tuple[Camera, tuple[slice, slice]]:
@@ -92,11 +91,9 @@ def views_of_place(bounds: Bounds, size: int, above: bool = False) -> list[Camer
         above: steep views in place of these, which see the ground before walls and in corners.
     """
     fov, cameras = float(np.radians(PlanConfig.fov_degrees)), []
-    lens = Lens(size, fov, NEAR_RADII * bounds.radius)
     for i, (pitch, count) in enumerate(_PLACE_RINGS_ABOVE if above else _PLACE_RINGS):
         yaws = 2 * np.pi * (np.arange(count) + 0.5 * i) / count
-        distance = framing_distance(bounds, yaws, np.radians(pitch), fov, PlanConfig.fill)
-        cameras += ring(bounds.centre, bounds.axes, distance, yaws, np.radians(pitch), lens)
+        cameras += framing_ring(bounds, yaws, np.radians(pitch), size, fov, PlanConfig.fill)
     return cameras
 
 

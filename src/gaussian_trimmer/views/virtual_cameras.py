@@ -125,17 +125,28 @@ def plan_cameras(
     Raises:
         InputError: the up vector is zero, or the object is too small or too large.
     """
+    bounds = framed_bounds(target, up, config)
+    return cameras_around(target, bounds, config, cameras_that_see(training_cameras, bounds)), bounds
+
+
+def framed_bounds(target: Gaussians, up: Float64Array, config: PlanConfig) -> Bounds:
+    """Return the bounds that planned cameras frame."""
     axes = up_frame(up)
     bounds = plain_bounds(target, axes) if config.framing == "literal" else robust_bounds(target, axes)
     check_size(bounds.radius)
-    yaws, pitch = _angles(bounds, config, cameras_that_see(training_cameras, bounds))
+    return bounds
+
+
+def cameras_around(target: Gaussians, bounds: Bounds, config: PlanConfig, seeing: Sequence[Camera]) -> list[Camera]:
+    """Return planned cameras that frame some bounds, where the training cameras that see the object stood, if any."""
+    yaws, pitch = _angles(bounds, config, seeing)
     fov = float(np.radians(config.fov_degrees))
     centre = bounds.centre if config.framing == "fit" else target.means.astype(np.float64).mean(0)
     distance = framing_distance(bounds, yaws, pitch, fov, config.fill, centre)
     if config.framing == "literal":
         length, width, height = 2 * bounds.half_extents
         distance = max(config.lambda_1 * max(length, width), config.lambda_2 * height)
-    return ring(centre, axes, distance, yaws, pitch, Lens(config.size, fov, NEAR_RADII * bounds.radius)), bounds
+    return ring(centre, bounds.axes, distance, yaws, pitch, Lens(config.size, fov, NEAR_RADII * bounds.radius))
 
 
 def _angles(bounds: Bounds, config: PlanConfig, training_cameras: Sequence[Camera]) -> tuple[Float64Array, float]:
