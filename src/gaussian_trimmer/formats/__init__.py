@@ -39,6 +39,8 @@ __all__ = [
 
 _HOLD_NOTHING = (".ply", ".splat")
 """Formats that can hold zero Gaussians."""
+FILTER = "filter_3D"
+"""Column of Mip-Splatting's files: the width of each Gaussian's smoothing filter, which its program adds on drawing."""
 _EXACT = (".ply", ".glb")
 """Formats that round nothing."""
 Values = Literal["stored", "activated"]
@@ -90,7 +92,7 @@ def read(
         gaussians: Gaussians = module.read(path, **choice)
         if values == "activated":
             gaussians = _stored(gaussians)
-        gaussians = blank_unusable(gaussians, f"'{path}': ")
+        gaussians = blank_unusable(_with_fused_filter(gaussians), f"'{path}': ")
         if values is None and _seem_activated(gaussians):
             raise InputError(
                 f"All scales in '{path}' are above 0 and all opacities from 0 to 1, as if they were no logarithms and "
@@ -111,6 +113,23 @@ def _stored(gaussians: Gaussians) -> Gaussians:
     scales = np.where(gaussians.log_scales > 0, gaussians.log_scales, np.float32(SMALLEST_SCALE))
     opacities = gaussians.opacity_logits.astype(np.float64)
     return gaussians.replace(log_scales=np.log(scales), opacity_logits=logit(opacities).astype(np.float32))
+
+
+def _with_fused_filter(gaussians: Gaussians) -> Gaussians:
+    """Return Gaussians of Mip-Splatting with the widths of its smoothing filter in scales and opacities."""
+    if FILTER not in gaussians.extras:
+        return gaussians
+    extras = dict(gaussians.extras)
+    with np.errstate(divide="ignore"):  # a width of zero changes nothing
+        log_widths = np.log(np.abs(np.asarray(extras.pop(FILTER), np.float64)))
+    log_scales = np.logaddexp(2 * gaussians.log_scales.astype(np.float64), 2 * log_widths[:, None]) / 2
+    kept = np.exp(np.sum(gaussians.log_scales - log_scales, axis=1))
+    return gaussians.replace(
+        log_scales=log_scales.astype(np.float32),
+        opacity_logits=logit(gaussians.opacities * kept).astype(np.float32),
+        extras=extras,
+        notes=(*gaussians.notes, f"{FILTER} of Mip-Splatting is fused into scales and opacities"),
+    )
 
 
 def _seem_activated(gaussians: Gaussians) -> bool:

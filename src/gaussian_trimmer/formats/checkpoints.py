@@ -7,6 +7,9 @@ f_rest, scales, rotations, opacities, then statistics and the optimizer. Methods
 nerfstudio's splatfacto writes `nerfstudio_models/step-<i>.ckpt`, with the tensors `gauss_params.means`, `.scales`,
 `.quats`, `.features_dc`, `.features_rest` and `.opacities` of the model; checkpoints of before 1.1 lack the
 `gauss_params`. They lie in the coordinates of the training, which nerfstudio turns, centres and scales.
+
+gaussian-splatting-lightning, and CityGaussian on it, write `checkpoints/epoch=<e>-step=<i>.ckpt`, with the tensors
+`gaussian_model.gaussians.means`, `.scales`, `.rotations`, `.shs_dc`, `.shs_rest`, `.opacities`, perhaps `.filter_3d`.
 """
 
 from __future__ import annotations
@@ -28,7 +31,9 @@ _ENTRIES = ("means", "features_dc", "features_rest", "scales", "quats", "opaciti
 _GSPLAT_ENTRIES = ("means", "sh0", "shN", "scales", "quats", "opacities")
 _EXPECTED = "checkpoint of 3D Gaussian Splatting"
 _ATTRIBUTES = ("means", "scales", "quats", "features_dc", "features_rest", "opacities")
-_SPLATFACTO = "checkpoint of nerfstudio's splatfacto"
+_LIGHTNING = ("means", "scales", "rotations", "shs_dc", "shs_rest", "opacities")
+"""The same in gaussian-splatting-lightning."""
+_NAMED = "checkpoint of nerfstudio's splatfacto or of gaussian-splatting-lightning"
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +60,7 @@ def read(path: Path) -> Gaussians:
         InputError: the file cannot be read, or holds no checkpoint.
     """
     if path.suffix.lower() == ".ckpt":
-        return _read_splatfacto(path)
+        return _read_named(path)
     if "_rank0" in path.name and path.with_name(path.name.replace("_rank0", "_rank1")).is_file():
         raise InputError(
             f"'{path}' holds one GPU's part of a scene that several trained; have gsplat's trainer write the whole one "
@@ -121,28 +126,34 @@ def _with_iteration(value: Any) -> bool:
     return isinstance(value, (tuple, list)) and len(value) == 2 and isinstance(value[0], (tuple, list))
 
 
-def _read_splatfacto(path: Path) -> Gaussians:
-    """Return the Gaussians of a checkpoint, rows in the order of the training.
+def _read_named(path: Path) -> Gaussians:
+    """Return the Gaussians of a checkpoint with tensors by name, rows in the order of the training.
 
     `ns-export` leaves out Gaussians whose numbers are not finite or that are nearly invisible; here every row counts.
 
     Raises:
-        InputError: the file cannot be read, or is not a checkpoint of splatfacto.
+        InputError: the file cannot be read, or is not such a checkpoint.
     """
     file = torch_files.load(path)
-    gaussians = torch_files.as_gaussians(file, _gaussian_tensors(file.value, path), _SPLATFACTO)
-    if gaussians.sh_degree == 0:  # without higher degrees, splatfacto trains logits of colours instead
-        gaussians = gaussians.replace(sh_dc=sh_dc_of(sigmoid(gaussians.sh_dc)))
-    return gaussians
-
-
-def _gaussian_tensors(value: Any, path: Path) -> dict[str, Any]:
-    """Return the model's tensors by the names of `_ATTRIBUTES`."""
-    state = value.get("pipeline") if isinstance(value, dict) else None
-    if not isinstance(state, dict):
-        raise InputError(f"'{path}' is not a {_SPLATFACTO}: it has no 'pipeline'.")
+    parts = [file.value.get(key) for key in ("pipeline", "state_dict")] if isinstance(file.value, dict) else []
+    state = next((part for part in parts if isinstance(part, dict)), None)
+    if state is None:
+        raise InputError(f"'{path}' is not a {_NAMED}: it has no 'pipeline' and no 'state_dict'.")
     starts = [str(name).removesuffix("means") for name in state if str(name).endswith("means")]
-    found = [start for start in starts if all(torch_files.is_tensor(state.get(start + name)) for name in _ATTRIBUTES)]
+    found = [
+        (start, names)
+        for start in starts
+        for names in (_ATTRIBUTES, _LIGHTNING)
+        if all(torch_files.is_tensor(state.get(start + name)) for name in names)
+    ]
     if len(found) != 1:
-        raise InputError(f"'{path}' is not a {_SPLATFACTO}: {len(found)} of its models have all that Gaussians have.")
-    return {name: state[found[0] + name] for name in _ATTRIBUTES}
+        raise InputError(f"'{path}' is not a {_NAMED}: {len(found)} of its models have all that Gaussians have.")
+    ((start, names),) = found
+    tensors = {name: state[start + own] for name, own in zip(_ATTRIBUTES, names, strict=True)}
+    gaussians = torch_files.as_gaussians(file, tensors, _NAMED)
+    if gaussians.sh_degree == 0 and names == _ATTRIBUTES:
+        # Without higher degrees, splatfacto trains logits of colours instead.
+        return gaussians.replace(sh_dc=sh_dc_of(sigmoid(gaussians.sh_dc)))
+    if torch_files.is_tensor(widths := state.get(f"{start}filter_3d")):
+        return gaussians.replace(extras={"filter_3D": torch_files.as_array(file, widths).reshape(len(gaussians))})
+    return gaussians

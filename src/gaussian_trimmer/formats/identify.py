@@ -4,6 +4,7 @@ Trainings leave their scenes in these places:
 
 - Inria's code and those built on it, as Gaussian Grouping: `point_cloud/iteration_<i>/point_cloud.ply`
 - nerfstudio: an export, `splat.ply` or `point_cloud.ply`, or else `nerfstudio_models/step-<i>.ckpt`
+- gaussian-splatting-lightning: `checkpoints/epoch=<e>-step=<i>.ckpt`
 - gsplat's trainer: `ckpts/ckpt_<i>_rank0.pt`; Inria's checkpoints, COB-GS's and NG-GS's: `chkpnt<i>.pth`
 - an unbundled SOG: `meta.json` and its textures; a streamed one: `lod-meta.json`
 """
@@ -48,8 +49,8 @@ MARKS, PROJECT = "selection marks", "gaussian-trimmer project"
 """What files of marks, and projects of the app, say of their content."""
 _ITERATION_NAME = re.compile(r"iteration_(?:[a-z]+_)?(\d{1,12})")
 _SPLAT_NAMES = ("point_cloud.ply", "scene_point_cloud.ply", "splat.ply")
-_CHECKPOINT_FOLDERS = ("nerfstudio_models", "ckpts")
-_CHECKPOINT_NAME = re.compile(r"(?:step-|chkpnt|ckpt_)(\d{1,12})(?:_rank0)?\.(?:ckpt|pth|pt)")
+_CHECKPOINT_FOLDERS = ("nerfstudio_models", "ckpts", "checkpoints")
+_CHECKPOINT_NAME = re.compile(r"(?:step-|chkpnt|ckpt_|epoch=\d{1,12}-step=)(\d{1,12})(?:_rank0)?\.(?:ckpt|pth|pt)")
 _COLMAP_FOLDERS, _COLMAP_SUFFIXES = (Path(), Path("sparse/0"), Path("sparse")), (".bin", ".txt")
 _CAMERA_DOCUMENTS = ("transforms.json", "cameras.json")
 _NUMBERS = re.compile(rb"\s*\[\s*[-\d.tf\]]")

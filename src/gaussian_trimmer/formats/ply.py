@@ -21,6 +21,7 @@ import numpy as np
 from numpy.lib.recfunctions import structured_to_unstructured, unstructured_to_structured
 from numpy.typing import NDArray
 
+from gaussian_trimmer.cameras import vector_of_up
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.formats.packing import CUT_TO_DEGREE_3, thicken_discs, with_finite_limits
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
@@ -38,6 +39,7 @@ _NUMBERED_NAME = r"n?[xyz]|f_dc_[012]|f_rest_\d+|opacity|scale_[012]|rot_[0123]"
 _SPLAT_NAME = re.compile(_NUMBERED_NAME)
 _CLOUDCOMPARE = re.compile(rf"(?:scalar_|scal_)+(?={_NUMBERED_NAME}$)")
 """What CloudCompare puts before the names of columns, once or twice."""
+_VERTICAL = re.compile(r"vertical axis: *(.+)", re.IGNORECASE)
 _RELATIVES = {
     "f_anchor_feat_0": "It is of Scaffold-GS, as InstanceGaussian's: anchors, of which networks make each view's "
     "Gaussians. Train 3D Gaussian Splatting on the same pictures and cameras, and carry the object over by masks that "
@@ -74,7 +76,8 @@ def read(path: Path) -> Gaussians:
         InputError: the file is missing, is not a splat PLY, is truncated, or holds no Gaussians, or values that are not
             finite or extreme.
     """
-    table = read_table(path, read_header(path))
+    header = read_header(path)
+    table = read_table(path, header)
     names = table.dtype.names or ()
     scales = _SCALE_NAMES if "scale_2" in names else _SCALE_NAMES[:2]
     required = [*_POSITION_NAMES, *_DC_NAMES, "opacity", *scales, *_ROTATION_NAMES]
@@ -99,9 +102,21 @@ def read(path: Path) -> Gaussians:
         sh_dc=_columns(table, _DC_NAMES),
         sh_rest=sh_rest[..., :_KEPT_COEFFICIENTS],
         extras={name: table[name] for name in names if name not in {*required, *_NORMAL_NAMES, *rest}},
+        format_up=_stated_up(header),
         notes=(CUT_TO_DEGREE_3,) if sh_rest.shape[2] > _KEPT_COEFFICIENTS else (),
     )
     return with_finite_limits(gaussians)
+
+
+def _stated_up(header: Header) -> tuple[float, float, float] | None:
+    """Return the vertical axis that nerfstudio and Brush state; a bare y, once a constant of Brush's, is none."""
+    found = next(filter(None, map(_VERTICAL.fullmatch, header.comments)), None)
+    if found is None or found[1].lower() == "y":
+        return None
+    try:
+        return vector_of_up(found[1] if len(found[1].split()) == 1 else [float(word) for word in found[1].split()])
+    except ValueError:  # InputErrors are such, too
+        return None
 
 
 def write(gaussians: Gaussians, path: Path, *, extras: bool = False) -> None:
@@ -187,6 +202,7 @@ class Header:
     elements: tuple[Element, ...]
     size: int
     """Bytes before the data."""
+    comments: tuple[str, ...] = ()
 
     def names(self, element: str) -> list[str]:
         """Return the names of an element's properties; none where the file has no such element."""
@@ -236,6 +252,7 @@ def _parse_header(file: BinaryIO, path: Path) -> Header:
         raise InputError(f"'{path}' is not a PLY file: it does not begin with 'ply'.")
     encoding = ""
     elements: list[tuple[str, int, list[tuple[str, str]]]] = []
+    comments = list[str]()
     while True:
         line = file.readline(4096)
         if not line.endswith(b"\n") or file.tell() > _MAX_HEADER_BYTES:
@@ -245,7 +262,9 @@ def _parse_header(file: BinaryIO, path: Path) -> Header:
                 break
             case ["format", ("ascii" | "binary_little_endian" | "binary_big_endian") as encoding, "1.0"]:
                 pass
-            case [] | ["comment" | "obj_info", *_]:
+            case ["comment", *comment]:
+                comments.append(" ".join(comment))
+            case [] | ["obj_info", *_]:
                 pass
             case ["element", name, count] if count.isascii() and count.isdigit():
                 elements.append((name, int(count), []))
@@ -259,7 +278,7 @@ def _parse_header(file: BinaryIO, path: Path) -> Header:
     if not encoding or not elements:
         raise InputError(f"'{path}' has a PLY header without a format or without elements.")
     parsed = tuple(Element(name, count, _half_floats(props)) for name, count, props in elements)
-    return Header(encoding, parsed, file.tell())
+    return Header(encoding, parsed, file.tell(), tuple(comments))
 
 
 def _half_floats(properties: list[tuple[str, str]]) -> tuple[tuple[str, str], ...]:

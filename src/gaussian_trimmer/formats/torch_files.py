@@ -39,6 +39,8 @@ _NUMBER_TYPES = {
 """Names of torch's storages and number types -> NumPy's, or 'bfloat16'."""
 _PLACEHOLDERS = ("torch", "numpy", "collections", "_codecs")
 """Packages that files name; nothing in them is looked up."""
+_IGNORED = ("internal", "lightning", "pytorch_lightning", "jsonargparse", "pathlib", "argparse")
+"""Packages whose objects trainings leave beside their tensors."""
 _MAX_DIMENSIONS = 32
 _ERRORS_OF_DAMAGE = (
     pickle.UnpicklingError, EOFError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError,
@@ -72,6 +74,20 @@ class Placeholder(_Note):
             case "_rebuild_parameter" | "_rebuild_parameter_with_state":
                 return arguments[0]
         return self
+
+
+class Ignored(_Note):
+    """Stands for an object of a training's program, whatever is put into it."""
+
+    def __new__(cls, *arguments: Any, **named: Any) -> Ignored:
+        """Return the same, whatever it is made of."""
+        return super().__new__(cls)
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        pass
+
+    def extend(self, values: Any) -> None:
+        """Take nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +157,9 @@ def load(path: Path) -> TorchFile:
 
 
 class _Unpickler(pickle.Unpickler):
-    def find_class(self, module: str, name: str) -> Placeholder:
+    def find_class(self, module: str, name: str) -> Placeholder | type[Ignored]:
+        if module.partition(".")[0] in _IGNORED:
+            return Ignored
         if module.partition(".")[0] not in _PLACEHOLDERS:
             raise pickle.UnpicklingError(f"it names {module}.{name}")
         return Placeholder(name)

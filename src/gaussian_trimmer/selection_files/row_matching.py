@@ -210,7 +210,7 @@ def read_splat_columns(path: Path) -> Columns:
     if path.suffix.lower() == ".ply":
         header = read_header(path)
         names = header.names("vertex")
-        if "x" in names:
+        if "x" in names and formats.FILTER not in names:
             if missing := {"y", "z"} - {*names}:
                 raise InputError(f"'{path}' has no property {min(missing)}, so its rows cannot be told apart.")
             table = read_table(path, header)
