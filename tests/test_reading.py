@@ -83,6 +83,16 @@ def test_what_cannot_be_measured_is_not_decoded(data, tmp_path, monkeypatch):
         mask_of(camera(), tmp_path / "a.jpg")
 
 
+def test_pixels_that_a_png_cannot_hold_take_no_memory(tmp_path, monkeypatch):
+    rows = zlib.compress(bytes(1001 * 1000), 9)  # a thousandth, which is as small as they can be
+    assert decoded_picture(png(1000, 1000, data=rows), cv2.IMREAD_GRAYSCALE).shape == (1000, 1000)
+    monkeypatch.setattr(cv2, "imdecode", None)
+    for colours in (0, 2, 3, 4, 6):
+        (tmp_path / "a.png").write_bytes(png(1200, 1000, data=rows, colours=colours))
+        with pytest.raises(InputError, match=r"a\.png' is not a picture"):
+            mask_of(camera(), tmp_path)
+
+
 @pytest.mark.parametrize("size", [(30_000, 30_000), (60_000, 60_000)])
 def test_pictures_are_measured_before_they_are_decoded(size, tmp_path, monkeypatch):
     (tmp_path / "a.png").write_bytes(png(*size, depth=1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 import tracemalloc
 import zipfile
 from pathlib import Path
@@ -101,7 +102,8 @@ def test_a_mask_and_a_checkpoint_without_torch(tmp_path):
         (tensor(storage("FloatStorage", "x", 4), 0, (-1,), (1,)), "impossible shape"),
         (tensor(storage("FloatStorage", "x", 4), 0, (4,), (-1,)), "impossible shape"),
         (tensor(storage("FloatStorage", "x", 4), 0, (2**62,) * 300, (0,) * 300), "impossible shape"),
-        (tensor(storage("FloatStorage", "x", 4), 2**80, (1,), (1,)), "impossible shape"),
+        (tensor(storage("FloatStorage", "x", 4), 2**80, (1,), (1,)), "more than 64 bits"),
+        (tensor(storage("FloatStorage", "x", 4), 2**63, (1,), (1,)), "impossible shape"),
         (tensor(storage("FloatStorage", "x", 4), 0, (2**62,), (0,)), "expanded tensors"),
         (tensor(storage("ComplexFloatStorage", "x", 2), 0, (2,), (1,)), "type ComplexFloatStorage"),
         (Raw(named("torch._utils", "_rebuild_sparse_tensor") + b")R"), "sparse"),
@@ -110,6 +112,14 @@ def test_a_mask_and_a_checkpoint_without_torch(tmp_path):
         (Raw(named("builtins", "eval")), "can run code"),
         (Raw(named("numpy", "dtype") + b"X\2\0\0\0O8\x89\x88\x87R"), "holds a dtype that is not a selection"),
         (Raw(b"Nr\xff\xff\xff\x7f"), "a place in memory"),
+        (Raw(b"})" + b"\x85" * 200_000 + b"K\1s"), "a tuple as a key"),
+        (Raw(b"}()" + b"\x85" * 200_000 + b"K\1u"), "a tuple as a key"),
+        (Raw(b"()" + b"\x85" * 200_000 + b"K\1d"), "a tuple as a key"),
+        (Raw(b"})" + b"q\0h\0\x86" * 90 + b"K\1s"), "a tuple as a key"),
+        (Raw(b"}" + named("torch._utils", "_rebuild_parameter") + b")\x85\x85RK\1s"), "holds a dict that is not"),
+        (Raw(b"\x8f()" + b"\x85" * 200_000 + b"\x90"), "a set"),
+        (Raw(b"()" + b"\x85" * 200_000 + b"\x91"), "a set"),
+        (Raw(b"}\x8b" + struct.pack("<i", 200_000) + b"\x7f" * 200_000 + b"K\1s"), "a number of more than 64 bits"),
         (Raw(b"h\7"), "damaged"),
         (Raw(b"R"), "damaged"),
         (Raw(b"}K\1K\1e"), "damaged"),
@@ -123,6 +133,10 @@ def test_what_is_refused(tmp_path, value, message):
 
 
 def test_what_a_file_does_to_what_it_names_has_no_effect(tmp_path):
+    mask = tensor(storage("ByteStorage", "x", N), 0, (N,), (1,))
+    state = named("collections", "OrderedDict") + b")R(X\4\0\0\0mask" + mask + b"u}X\5\0\0\0items(K\1lsb"
+    data = torch_file(Raw(state), storages={"x": MASK.tobytes()})
+    assert np.array_equal(load_selection(save(tmp_path / "a.pt", data), SCENE), MASK)
     changed = Raw(named("torch", "device") + b"}X\4\0\0\0nameX\1\0\0\0zsb")
     assert load(save(tmp_path / "a.pt", torch_file({"a": changed}))).value["a"].name == "device"
 

@@ -13,7 +13,6 @@ import math
 import pickle
 import pickletools
 import zipfile
-from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, cast
@@ -42,6 +41,7 @@ _PLACEHOLDERS = ("torch", "numpy", "collections", "_codecs")
 _IGNORED = ("internal", "lightning", "pytorch_lightning", "jsonargparse", "pathlib", "argparse")
 """Packages whose objects trainings leave beside their tensors."""
 _MAX_DIMENSIONS = 32
+_LARGEST_WHOLE = 1 << 64
 _ERRORS_OF_DAMAGE = (
     pickle.UnpicklingError, EOFError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError,
 )  # fmt: skip
@@ -53,6 +53,10 @@ class _Note:
 
     def __setstate__(self, state: Any) -> None:
         pass
+
+
+class OrderedDict(_Note, dict[Any, Any]):
+    """The dict of a state, whose `_metadata` is left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +75,7 @@ class Placeholder(_Note):
             case "_rebuild_tensor_v3":
                 storage, offset, shape, strides, gradient, hooks, kind, *changes = arguments
                 return _tensor(_Storage(kind.name, storage.key), offset, shape, strides, gradient, hooks, any(changes))
-            case "_rebuild_parameter" | "_rebuild_parameter_with_state":
+            case "_rebuild_parameter" | "_rebuild_parameter_with_state" if is_tensor(arguments[0]):
                 return arguments[0]
         return self
 
@@ -144,9 +148,7 @@ def load(path: Path) -> TorchFile:
         structure = member_bytes(archive, structures[0], _MAX_PICKLE_BYTES, path)
         big = f"{home}byteorder" in archive.NameToInfo and archive.read(f"{home}byteorder") == b"big"
     try:
-        for instruction, argument, _ in pickletools.genops(structure):
-            if instruction.name in ("PUT", "LONG_BINPUT") and cast(int, argument) > len(structure):
-                raise pickle.UnpicklingError("it has a place in memory beyond all that it can fill")
+        _check(structure)
         value = _Unpickler(io.BytesIO(structure)).load()
     except _ERRORS_OF_DAMAGE as error:
         raise InputError(
@@ -154,6 +156,43 @@ def load(path: Path) -> TorchFile:
             "are not loaded because they can run code; save the tensors alone with torch.save."
         ) from error
     return TorchFile(path, value, home, ">" if big else "<")
+
+
+def _check(structure: bytes) -> None:
+    """Refuse a pickle that would take more memory or time than its size allows, or end the process.
+
+    The hash of a tuple visits all that is in it, as deep and as often as the file likes. So no tuple may be a key, and
+    sets are not taken. The stack that the instructions work on is followed, with a boolean for each value.
+    """
+    are_tuples: list[bool] = []  # the stack
+    marks: list[int] = []  # how high the stack was
+    memory: dict[Any, bool] = {}
+    for instruction, argument, _ in pickletools.genops(structure):
+        name, taken = instruction.name, instruction.stack_before
+        if isinstance(argument, int) and abs(argument) > _LARGEST_WHOLE:
+            raise pickle.UnpicklingError("it has a number of more than 64 bits")
+        if name in ("EMPTY_SET", "ADDITEMS", "FROZENSET"):
+            raise pickle.UnpicklingError("it has a set")
+        if name in ("PUT", "BINPUT", "LONG_BINPUT", "MEMOIZE"):
+            place = len(memory) if name == "MEMOIZE" else cast(int, argument)
+            if place > len(structure):
+                raise pickle.UnpicklingError("it has a place in memory beyond all that it can fill")
+            memory[place] = are_tuples[-1]
+        elif name in ("GET", "BINGET", "LONG_BINGET"):
+            are_tuples.append(memory[argument])
+        elif name == "MARK":
+            marks.append(len(are_tuples))
+        elif name == "POP" and marks and marks[-1] == len(are_tuples):
+            marks.pop()
+        else:
+            has_mark = pickletools.markobject in taken
+            start = marks.pop() - taken.index(pickletools.markobject) if has_mark else len(are_tuples) - len(taken)
+            items = are_tuples[start:]
+            del are_tuples[start:]
+            # A dict comes first where it is filled, and its entries alone where it is made.
+            if any({"SETITEM": items[1::2], "SETITEMS": items[1::2], "DICT": items[::2]}.get(name, ())):
+                raise pickle.UnpicklingError("it has a tuple as a key")
+            are_tuples += ["TUPLE" in name or any(items[:1])] * len(instruction.stack_after)
 
 
 class _Unpickler(pickle.Unpickler):

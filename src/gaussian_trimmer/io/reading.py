@@ -46,6 +46,11 @@ _KNOWN_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Other ways of compression take as much memory as the archive likes."""
 _FREE_BYTES, _MOST_BYTES_A_PIXEL = 1 << 18, 16
 """A PNG has no more bytes than these for metadata, and these for each pixel."""
+_PNG = b"\x89PNG\r\n\x1a\n"
+_BEST_RATIO = 1032
+"""Of deflate: a byte becomes no more than so many."""
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+"""By the type of its colours."""
 MAX_PIXELS = 1 << 27
 """Pixels of the largest picture that is decoded; cameras have up to 100 million."""
 
@@ -201,7 +206,7 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
     from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin, TiffImagePlugin
 
     readers: dict[bytes, Callable[[BytesIO], ImageFile]] = {
-        b"\x89PNG\r\n\x1a\n": PngImagePlugin.PngImageFile,
+        _PNG: PngImagePlugin.PngImageFile,
         b"\xff\xd8\xff": JpegImagePlugin.JpegImageFile,
         b"BM": BmpImagePlugin.BmpImageFile,
         b"II*\0": TiffImagePlugin.TiffImageFile,
@@ -224,6 +229,11 @@ def decoded_picture(data: bytes, flags: int) -> NDArray[Any] | None:
     """The pixels of a picture whose header has been checked, by OpenCV's flags; None if it is damaged."""
     import cv2
 
+    if data.startswith(_PNG):
+        chunk, width, height, depth, colours = struct.unpack_from(">4s2I2B", data, 12)
+        bits = width * height * depth * _PNG_CHANNELS.get(colours, 0)
+        if chunk != b"IHDR" or bits > 8 * _BEST_RATIO * len(data):
+            return None  # the decoder would take memory for all pixels first
     try:
         return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error:
