@@ -4,6 +4,7 @@ import re
 import socket
 import stat
 import sys
+from concurrent.futures import Future
 from contextlib import contextmanager
 from urllib.parse import urlsplit
 
@@ -97,6 +98,27 @@ def test_a_server_that_cannot_be_guarded_does_not_start(monkeypatch, tmp_path):
 
     monkeypatch.setattr(module, "guarding_viser", nothing)
     with pytest.raises(InputError, match="cannot be guarded"), serving(None, None, port=0, state=tmp_path):
+        pass
+
+
+@pytest.mark.needs("viser")
+def test_no_client_opens_a_tunnel(monkeypatch, tmp_path):
+    import viser
+    from viser import _messages
+
+    monkeypatch.setattr(viser.ViserServer, "request_share_url", lambda *_: pytest.fail("viser was asked for a tunnel"))
+    with serving(None, None, port=0, state=tmp_path) as app:
+        asked = []
+        monkeypatch.setattr(app.server._thread_executor, "submit", lambda call: asked.append(call()) or Future())
+        for handle in app.server._websock_server._incoming_handlers[_messages.ShareUrlRequest]:
+            handle(0, _messages.ShareUrlRequest())
+    assert asked[0] is None
+
+
+@pytest.mark.needs("viser")
+def test_a_home_that_cannot_be_written_is_said_with_the_cure(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="set XDG_STATE_HOME"), serving(None, None, state=tmp_path / "file" / "state"):
         pass
 
 

@@ -142,10 +142,14 @@ def serving(
         state: folder of what the app keeps; the user's own one if it is not given.
 
     Raises:
-        InputError: viser is not installed or cannot be guarded.
+        InputError: viser is not installed or cannot be guarded, or the folder cannot be made.
     """
     key = secrets.token_urlsafe(_KEY_BYTES)
-    server, state = _start(port, key), private_folder(state or state_folder())
+    try:
+        state = private_folder(state or state_folder())
+    except InputError as error:
+        raise InputError(f"{str(error).rstrip('.')}; set XDG_STATE_HOME to a folder that is writable.") from error
+    server = _start(port, key)
     page = state / f"open-{server.get_port()}.html"
     jobs = None
     try:
@@ -182,7 +186,8 @@ def _start(port: int, key: str) -> Any:
         raise InputError(f"The app needs viser: {INSTALL}.") from error
 
     with guarding_viser(key) as guards, redirect_stdout(io.StringIO()):  # viser's own greeting says nothing new
-        server = viser.ViserServer(host=HOST, port=port, verbose=False)
+        server: Any = viser.ViserServer(host=HOST, port=port, verbose=False)
+    server.request_share_url = lambda *_, **__: None  # clients can ask for a public tunnel, also without its button
     if not guards:
         server.stop()
         raise InputError(f"This version of viser, {viser.__version__}, cannot be guarded; install another: {INSTALL}.")

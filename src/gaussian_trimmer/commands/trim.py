@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping
@@ -124,6 +125,14 @@ def run(arguments: Namespace, read: ReadScene | None = None, note: Mapping[str, 
     )
 
 
+def _is_word(value: object) -> bool:
+    """Return whether a command can have a value as a word: paths hold neither zeros nor halves of characters."""
+    try:
+        return isinstance(value, str) and b"\0" not in os.fsencode(value)
+    except UnicodeEncodeError:
+        return False
+
+
 def _as_before(arguments: Namespace) -> Namespace:
     """Return the arguments of the run that wrote a report, to which those that are given are added.
 
@@ -132,7 +141,7 @@ def _as_before(arguments: Namespace) -> Namespace:
     path = arguments.config_file
     report = read_json(path)
     command = report.get("command") if isinstance(report, dict) else None
-    if not isinstance(command, list) or not command or not all(isinstance(word, str) for word in command):
+    if not isinstance(command, list) or not command or not all(map(_is_word, command)):
         raise InputError(
             f"'{path}' holds no command: it is no report.json, or one that Python, the app or an earlier release "
             "wrote; leave --config out, and give scene, selection and options."

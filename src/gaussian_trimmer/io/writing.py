@@ -143,7 +143,7 @@ def state_folder() -> Path:
     try:
         return Path(os.environ.get("XDG_STATE_HOME") or "~/.local/state").expanduser() / "gaussian-trimmer"
     except RuntimeError as error:
-        raise InputError("The user has no home; set XDG_STATE_HOME to a folder that is writable.") from error
+        raise InputError("The user has no home.") from error
 
 
 def private_folder(folder: Path) -> Path:
