@@ -34,8 +34,8 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.commands.pools import cores
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import rotation_matrices
+from gaussian_trimmer.geometry.harmonics import turned
 from gaussian_trimmer.io.reading import is_file
-from gaussian_trimmer.output.engines import turned
 
 DATA = Path(__file__).parent / "data"
 _SAMPLE_PAUSE = 0.1

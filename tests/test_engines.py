@@ -13,7 +13,8 @@ from scenes import front_camera, random_scene
 from gaussian_trimmer import formats
 from gaussian_trimmer.commands.trim_run import scene_name
 from gaussian_trimmer.formats import ply
-from gaussian_trimmer.output.engines import PlacingOptions, convex_hull, rotation_between, turned
+from gaussian_trimmer.geometry.harmonics import turned
+from gaussian_trimmer.output.engines import PlacingOptions, convex_hull, rotation_between
 from gaussian_trimmer.rendering import render
 
 

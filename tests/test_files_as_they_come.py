@@ -11,8 +11,9 @@ from fuzz.torch_archives import Raw, named, torch_file
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.output.saving import save
 from gaussian_trimmer.selection_files import load_selection
-from gaussian_trimmer.trimming.trim import trim
+from gaussian_trimmer.trimming.trim import trim, trim_objects
 from gaussian_trimmer.trimming.up_vector import find_up
 
 N = 60
@@ -210,3 +211,18 @@ def test_the_filter_of_mip_splatting_is_fused_and_leaves_selections_right(tmp_pa
     assert (scene.log_scales > gaussians.log_scales).all()
     write_ply(tmp_path / "crop.ply", {name: column[taken] for name, column in table.items()})
     assert load_selection(tmp_path / "crop.ply", scene).tolist() == taken.tolist()
+
+
+def test_several_objects_are_also_one_glb_with_a_node_each(tmp_path):
+    scene, ball = toy.ball_on_floor()
+    upper = ball & (scene.means[:, 2] > 1)
+    result = trim_objects(scene, {"top": upper, "bottom": ball & ~upper}, up=toy.UP)
+    folder = save(result, tmp_path / "out", format="glb")
+    whole = formats.read(folder / "objects.glb", say=lambda note: None)
+    np.testing.assert_allclose(
+        whole.means, np.concatenate([part.gaussians.means for part in result.objects]), atol=1e-5
+    )
+    assert np.bincount(whole.extras["node"])[1:].tolist() == [len(part.gaussians) for part in result.objects]
+    text = (folder / "objects.glb").read_bytes()
+    assert b'"name":"top"' in text
+    assert save(result, tmp_path / "out", format="glb", overwrite=True) == folder

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import struct
 from typing import Literal
@@ -12,7 +13,7 @@ from format_samples import ATTRIBUTES, error, sample, splat_transform
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.glb import AXIS_SIGNS, SH_SIGNS, half_turn
+from gaussian_trimmer.formats.glb import AXIS_SIGNS, SH_SIGNS, half_turn, write_objects
 
 NAME = "KHR_gaussian_splatting"
 
@@ -47,8 +48,8 @@ def test_the_converter_means_the_same(tmp_path):
     np.testing.assert_allclose(theirs.covariances(), ours.covariances(), rtol=1e-3, atol=1e-6)
 
 
-def changed(tmp_path, change):
-    formats.write(sample(5, 1), tmp_path / "a.glb")
+def changed(tmp_path, change, write=lambda path: formats.write(sample(5, 1), path)):
+    write(tmp_path / "a.glb")
     data = (tmp_path / "a.glb").read_bytes()
     (length,) = struct.unpack_from("<I", data, 12)
     document, rest = json.loads(data[20 : 20 + length]), data[20 + length :]
@@ -154,3 +155,87 @@ def _harmonics(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
             x * (4 * z * z - x * x - y * y), z * (x * x - y * y), x * (x * x - 3 * y * y),
         ]
     )  # fmt: skip
+
+
+def test_every_splat_is_read_where_its_node_puts_it(tmp_path):
+    """Two nodes below a third, of which one has a matrix, in a file of two meshes."""
+    first, second = sample(5, 1), sample(7, 2, seed=1)
+    parts = [("cup", first, np.array([1.0, 2, 3])), ("saucer", second, np.zeros(3))]
+    write_objects(parts, tmp_path / "a.glb")
+    plain = formats.read(tmp_path / "a.glb", say=lambda note: None)
+    np.testing.assert_allclose(plain.means, np.concatenate([first.means, second.means]), atol=1e-6)
+    assert plain.extras["node"].tolist() == [1] * 5 + [2] * 7
+    assert "2 splats are read as one" in plain.notes[0]
+
+    quarter, move = np.sqrt(0.5), np.eye(4)
+    move[:3, 3], move[:3, :3] = (0, 5, 0), 3 * np.eye(3)
+
+    def nest(document):
+        document["nodes"] = [
+            {"children": [1, 2], "translation": [10, 0, 0], "rotation": [0, quarter, 0, quarter], "scale": [2, 2, 2]},
+            {"mesh": 0},
+            {"mesh": 1, "matrix": move.T.ravel().tolist()},
+        ]
+        document["scenes"][0]["nodes"] = [0]
+
+    found = formats.read(changed(tmp_path, nest, write=lambda path: write_objects(parts, path)), say=lambda note: None)
+    turn = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # a quarter about y
+    signs = np.array([-1, -1, 1])
+
+    def expected(points, place=0.0, scale=1.0):
+        return ((points * signs * scale + place) * 2 @ turn.T + [10, 0, 0]) * signs
+
+    np.testing.assert_allclose(found.means[:5], expected(first.means - [1, 2, 3]), atol=1e-4)
+    np.testing.assert_allclose(found.means[5:], expected(second.means, np.array([0, 5, 0]), 3.0), atol=1e-4)
+    np.testing.assert_allclose(found.log_scales[5:], second.log_scales + np.log(6), atol=1e-4)
+    in_ply = np.diag(signs) @ turn @ np.diag(signs)
+    np.testing.assert_allclose(
+        found.covariances()[:5], 4 * in_ply @ first.covariances() @ in_ply.T, rtol=1e-3, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("node", "message"),
+    [
+        ({"scale": [1, 2, 1]}, "scales its splat unevenly"),
+        ({"scale": [-1, 1, 1]}, "mirrors it"),
+        ({"matrix": [float("nan")] * 16}, "unevenly"),
+        ({"rotation": [0, 0, 0, 0]}, "unevenly"),
+        ({"children": [0]}, "damaged"),
+        ({"translation": "far"}, "damaged"),
+    ],
+)
+def test_nodes_that_cannot_be_applied_are_refused(tmp_path, node, message):
+    with pytest.raises(InputError, match=message):
+        formats.read(changed(tmp_path, lambda document: document["nodes"][0].update(node)))
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_a_gltf_reads_its_data_from_beside_it_and_from_nowhere_else(tmp_path, inside):
+    gaussians = sample(5, 1)
+    formats.write(gaussians, tmp_path / "a.glb")
+    data = (tmp_path / "a.glb").read_bytes()
+    (length,) = struct.unpack_from("<I", data, 12)
+    document, binary = json.loads(data[20 : 20 + length]), data[28 + length :]
+    (tmp_path / "a b.bin").write_bytes(binary)
+    coded = "data:application/octet-stream;base64," + base64.b64encode(binary).decode()
+    document["buffers"][0]["uri"] = coded if inside else "a%20b.bin"
+    (tmp_path / "a.gltf").write_text(json.dumps(document))
+    np.testing.assert_array_equal(formats.read(tmp_path / "a.gltf").means, gaussians.means)
+    assert [path.name for path in formats.scene_files(tmp_path / "a.gltf")] == ["a.gltf", *["a b.bin"][inside:]]
+    document["buffers"][0]["uri"] = "../a b.bin"
+    (tmp_path / "below").mkdir()
+    (tmp_path / "below" / "a.gltf").write_text(json.dumps(document))
+    with pytest.raises(InputError, match="outside its own folder"):
+        formats.read(tmp_path / "below" / "a.gltf")
+
+
+def test_the_draft_of_2025_is_read(tmp_path):
+    def as_draft(document):
+        attributes = document["meshes"][0]["primitives"][0]["attributes"]
+        for name in ("SCALE", "ROTATION"):
+            attributes[f"_{name}"] = attributes.pop(f"{NAME}:{name}")
+
+    gaussians, found = sample(5, 1), formats.read(changed(tmp_path, as_draft))
+    np.testing.assert_allclose(found.opacities, gaussians.opacities, atol=1e-5)
+    np.testing.assert_allclose(found.log_scales, gaussians.log_scales, atol=1e-5)

@@ -8,7 +8,8 @@ from scenes import front_camera, gaussian, random_scene
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import concatenate, quaternions_of, rotation_matrices
-from gaussian_trimmer.rendering.blending import ALPHA_CUTOFF, sh_basis
+from gaussian_trimmer.geometry.harmonics import sh_basis
+from gaussian_trimmer.rendering.blending import ALPHA_CUTOFF
 
 FOCAL = 100.0
 # At the origin, looking along z; the optical axis passes through the centre of pixel (50, 40).

@@ -146,7 +146,7 @@ def scene_files(path: Path, level: int | None = None) -> list[Path]:
         InputError: one of them is missing, or the file that lists them is damaged.
     """
     suffix = format_suffix(path)
-    return _module(suffix).scene_files(path, level) if suffix in (STREAMED, "meta.json") else [path]
+    return _module(suffix).scene_files(path, level) if suffix in (STREAMED, "meta.json", ".gltf") else [path]
 
 
 def write(gaussians: Gaussians, path: str | Path, **options: Any) -> None:

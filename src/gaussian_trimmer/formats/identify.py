@@ -34,6 +34,7 @@ FORMATS = {
 """Ends of names, of which the longest wins -> module with `read(path) -> Gaussians`, whose values are not yet checked,
 `write(gaussians, path) -> None` and perhaps `write_selected(gaussians, rows, appended, path) -> None`."""
 READ_ONLY = {
+    ".gltf": "glb",
     "meta.json": "sog",
     STREAMED: "streamed_sog",
     ".ckpt": "checkpoints",
@@ -41,7 +42,7 @@ READ_ONLY = {
     ".pt": "checkpoints",
 }
 """Formats that can be read but not written."""
-_WRITTEN_INSTEAD = {"meta.json": ".sog"}
+_WRITTEN_INSTEAD = {"meta.json": ".sog", ".gltf": ".glb"}
 TORCH_SUFFIXES, TEXT_SUFFIXES = (".pt", ".pth"), (".txt", ".csv")
 SELECTION_SUFFIXES = (".npy", ".npz", *TEXT_SUFFIXES, ".json", *TORCH_SUFFIXES)
 """Ends of names of selections, beside those of splats."""

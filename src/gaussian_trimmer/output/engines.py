@@ -6,8 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -18,14 +17,12 @@ from gaussian_trimmer.cameras import unit_up, vector_of_up
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import (
     Float64Array,
-    FloatArray,
     Gaussians,
     IntArray,
     concatenate,
     ellipsoid_points,
-    quaternions_of,
-    rotation_matrices,
 )
+from gaussian_trimmer.geometry.harmonics import turned
 from gaussian_trimmer.io.writing import write_json, write_whole
 from gaussian_trimmer.settings import Range
 
@@ -39,9 +36,6 @@ Origin = Literal["foot", "centre", "scene"]
 POSES = "poses.json"
 """Name of the file that says where the files for a program lie in the scene."""
 _DOWN_Y = (0.0, -1.0, 0.0)
-_BAND_ENDS = (0, 3, 8, 15)
-"""Where the coefficients of degrees 1, 2 and 3 begin and end."""
-_CHUNK = 1 << 18
 _CORNERS = 128
 """Directions in which the farthest point is a corner of a hull: engines take a few hundred corners at most."""
 
@@ -232,41 +226,6 @@ def rotation_between(source: Float64Array, target: Float64Array) -> Float64Array
     return np.asarray(
         (np.eye(3) - 2 * np.outer(middle, middle) / (middle @ middle)) @ (np.eye(3) - 2 * np.outer(source, source))
     )
-
-
-def turned(gaussians: Gaussians, rotation: Float64Array) -> Gaussians:
-    """Gaussians turned about the origin: centres, shapes and view-dependent colours.
-
-    Args:
-        gaussians: N Gaussians.
-        rotation: from old to new coordinates, (3, 3).
-    """
-    if np.allclose(rotation, np.eye(3), atol=1e-12):
-        return gaussians
-    quaternions = np.empty_like(gaussians.quaternions)
-    for start in range(0, len(gaussians), _CHUNK):
-        rows = slice(start, start + _CHUNK)
-        quaternions[rows] = quaternions_of(rotation @ rotation_matrices(gaussians.quaternions[rows]))
-    sh_rest = gaussians.sh_rest.copy()
-    for first, end in pairwise(_BAND_ENDS):
-        if end <= sh_rest.shape[2]:
-            sh_rest[:, :, first:end] = gaussians.sh_rest[:, :, first:end] @ _turn_of_band(rotation, first, end)
-    means = (gaussians.means.astype(np.float64) @ rotation.T).astype(np.float32)
-    return replace(gaussians, means=means, quaternions=quaternions, sh_rest=sh_rest)
-
-
-def _turn_of_band(rotation: Float64Array, first: int, end: int) -> FloatArray:
-    """What a rotation does to the coefficients of one degree, to be multiplied from the right.
-
-    A turned harmonic is a sum of harmonics of its own degree, so values in a few directions determine it.
-    """
-    from gaussian_trimmer.rendering.blending import sh_basis
-
-    directions = np.random.default_rng(0).normal(size=(64, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    before = sh_basis(directions @ rotation)[:, first + 1 : end + 1]
-    after = sh_basis(directions)[:, first + 1 : end + 1]
-    return np.asarray(np.linalg.lstsq(after, before, rcond=None)[0].T, np.float32)
 
 
 def convex_hull(gaussians: Gaussians) -> tuple[Float64Array, IntArray]:

@@ -12,8 +12,10 @@ import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.glb import write_objects
 from gaussian_trimmer.io.folders import atomic_folder
 from gaussian_trimmer.io.writing import write_json, write_whole
+from gaussian_trimmer.output.engines import PlacingOptions
 from gaussian_trimmer.output.pages import report_page
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
 from gaussian_trimmer.output.report import changed_settings, describe, file_stems
@@ -25,6 +27,8 @@ RESULTS = "trim"
 """What the manifest of a folder calls these results."""
 PICTURE, PAGE = "before_after.png", "report.html"
 """Names of the picture of all objects, and of the page."""
+ALL_OBJECTS = "objects.glb"
+"""Several objects in one file: a node each, named, with the foot at its origin. Written where their files are .glb."""
 LABEL_NAMES = tuple(label.name.lower() for label in RowLabel)
 """Names of the labels of rows, by number."""
 
@@ -107,7 +111,8 @@ def write_trim(
 def result_files(suffix: str, *, html: bool = False) -> tuple[str, ...]:
     """Return patterns of the names of all files that are written, by the ending of the splat files."""
     names = (f"object{suffix}", f"object_*{suffix}", "views/[0-9][0-9].png", f"background{suffix}", "labels.npz")
-    return (*names, "report.json", PICTURE, *([PAGE] if html else []))
+    together = [ALL_OBJECTS] if suffix == ".glb" else []
+    return (*names, "report.json", PICTURE, *together, *([PAGE] if html else []))
 
 
 def suffix_of(format: str) -> str:
@@ -131,6 +136,11 @@ def _write_splats(result: TrimResult, folder: Path, suffix: str, background: boo
     for part in result.objects:
         if len(part.gaussians) or len(result.objects) == 1:
             formats.write(part.gaussians, folder / f"{stems[part.id]}{suffix}")
+    filled = [part for part in result.objects if len(part.gaussians)]
+    if suffix == ".glb" and len(filled) > 1:
+        options = PlacingOptions(origin="foot")
+        nodes = [(part.title, part.gaussians, options.placement(part.gaussians, part.up.direction)) for part in filled]
+        write_objects([(name, found, place.origin) for name, found, place in nodes], folder / ALL_OBJECTS)
     if background and len(result.background_source):
         formats.write_selected(result.scene, result.background_rows, result.appended, folder / f"background{suffix}")
 
