@@ -136,16 +136,14 @@ def _projected_axes(gaussians: Gaussians, camera: Camera) -> Float64Array:
     return np.asarray(axes * shortened[:, None, :])
 
 
-def _determinants(axes: Float64Array) -> Float64Array:
+def _determinants(axes: Float64Array, low_pass: float = LOW_PASS_VARIANCE) -> Float64Array:
     """Return determinants of the covariances with these semi-axes (N, 2, 3), (N,).
 
     By the formula of Cauchy and Binet, which is a sum of squares. The difference of products loses all digits of a
     long needle's.
     """
     areas = [axes[:, 0, i] * axes[:, 1, j] - axes[:, 1, i] * axes[:, 0, j] for i, j in ((0, 1), (0, 2), (1, 2))]
-    return np.asarray(
-        LOW_PASS_VARIANCE**2 + LOW_PASS_VARIANCE * (axes**2).sum(axis=(1, 2)) + np.square(areas).sum(axis=0)
-    )
+    return np.asarray(low_pass**2 + low_pass * (axes**2).sum(axis=(1, 2)) + np.square(areas).sum(axis=0))
 
 
 def _some_not_finite() -> np.errstate:
@@ -175,7 +173,10 @@ def _front_to_back(gaussians: Gaussians, camera: Camera) -> Iterator[_Splat]:
         determinants = _determinants(axes)
         adjugates = covariances[:, ::-1, ::-1] * np.array([[1, -1], [-1, 1]])
         inverses = adjugates / determinants[:, None, None]
-    drawable = np.isfinite(means).all(axis=1) & np.isfinite(determinants)
+        if gaussians.antialiased:
+            # Mip-Splatting's 2D filter: what the low-pass filter enlarges gets fainter.
+            opacities[rows] *= np.sqrt(_determinants(axes, 0.0) / determinants)
+    drawable = np.isfinite(means).all(axis=1) & np.isfinite(determinants) & (opacities[rows] >= ALPHA_CUTOFF)
     for i in np.flatnonzero(drawable):
         yield _Splat(int(rows[i]), means[i], covariances[i], inverses[i], float(opacities[rows[i]]))
 

@@ -226,3 +226,22 @@ def test_several_objects_are_also_one_glb_with_a_node_each(tmp_path):
     text = (folder / "objects.glb").read_bytes()
     assert b'"name":"top"' in text
     assert save(result, tmp_path / "out", format="glb", overwrite=True) == folder
+
+
+@pytest.mark.parametrize(
+    ("comments", "antialiased"),
+    [
+        (["SplatRenderMode: mip"], True),
+        (["antialiased 1"], True),
+        (["antialiased 1", "SplatRenderMode: default"], False),
+        ([], False),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".ply", ".compressed.ply", ".spz", ".sog", ".splat", ".glb"])
+def test_that_gaussians_are_antialiased_is_carried_or_said_to_be_lost(tmp_path, comments, antialiased, suffix):
+    scene = formats.read(write_ply(tmp_path / "a.ply", columns(sample(N, 1)), comments=comments))
+    assert scene.antialiased == scene.select(slice(3)).antialiased == antialiased
+    formats.write_selected(scene, np.arange(N), scene.select(slice(2)), tmp_path / f"b{suffix}")
+    lost = "antialiased" in formats.losses(scene, suffix, ".ply")
+    assert lost == (antialiased and suffix in (".splat", ".glb"))
+    assert formats.read(tmp_path / f"b{suffix}").antialiased == (antialiased and not lost)

@@ -35,7 +35,8 @@ def view(scene, width, height):
     """Gaussians and a camera, by the scene's name."""
     if scene.startswith("random"):
         degree = int(scene[-1])
-        return random_scene(seed=10 + degree, sh_degree=degree), front_camera(width, height)
+        gaussians = random_scene(seed=10 + degree, sh_degree=degree)
+        return gaussians.replace(antialiased="antialiased" in scene), front_camera(width, height)
     gaussians = {
         "capped": concatenate([wide(2.0, 0.9999), wide(1.0, 0.3, (0.1, 0.8, 0.6))]),
         "exhausted": concatenate([wide(2.0 - 0.07 * i, 0.75, (i % 2, 0.1 * i, 0.5)) for i in range(10)]),
@@ -46,7 +47,14 @@ def view(scene, width, height):
     return gaussians[scene], straight_camera(width, height)
 
 
-SCENES = [f"random {degree}" for degree in range(4)] + ["capped", "exhausted", "faint", "behind", "empty"]
+SCENES = [f"random {degree}" for degree in range(4)] + [
+    "random antialiased 1",
+    "capped",
+    "exhausted",
+    "faint",
+    "behind",
+    "empty",
+]
 VIEWS = [(scene, *size) for scene in SCENES for size in SIZES]
 
 

@@ -45,6 +45,9 @@ class Gaussians:
     """Columns that drawing does not use, by name, each (N,): kept so that they can be read and passed on."""
     format_up: tuple[float, float, float] | None = None
     """Where up points by the file that they were read from or by the specification of its format, if either says it."""
+    antialiased: bool = False
+    """Whether they were trained so that a Gaussian which drawing widens, being smaller than a pixel, is fainter for it;
+    Mip-Splatting and others call it antialiased."""
     notes: tuple[str, ...] = ()
     """What reading has left out or changed, a clause each."""
 
@@ -191,6 +194,7 @@ class Gaussians:
             self.sh_rest[rows],
             {name: column[rows] for name, column in self.extras.items()},
             self.format_up,
+            self.antialiased,
         )
 
     def replace(self, **arrays: Any) -> Gaussians:
@@ -244,6 +248,7 @@ def concatenate(parts: Sequence[Gaussians]) -> Gaussians:
         np.concatenate([part.sh_rest for part in parts]),
         {name: np.concatenate([part.extras[name] for part in parts]) for name in shared},
         parts[0].format_up,
+        any(part.antialiased for part in parts),
     )
 
 

@@ -193,6 +193,8 @@ def _gaussian_lines(gaussians: Gaussians, facts: dict[str, Any]) -> Iterator[str
     with np.errstate(over="ignore"):
         largest = np.exp(seen.largest_log_scales.astype(np.float64))
     yield f"largest standard deviation: median {np.median(largest):.3g}, maximum {largest.max():.3g}"
+    if gaussians.antialiased:
+        yield "antialiased: drawn with opacities that make up for the pixels' blur"
     if are_discs(gaussians):
         yield "discs of 2D Gaussian Splatting: as thick as a thousandth of their smaller width"
     if far := lost_places(gaussians):

@@ -41,6 +41,8 @@ _HOLD_NOTHING = (".ply", ".splat")
 """Formats that can hold zero Gaussians."""
 FILTER = "filter_3D"
 """Column of Mip-Splatting's files: the width of each Gaussian's smoothing filter, which its program adds on drawing."""
+_WITHOUT_MODEL = (".splat", ".glb")
+"""Formats that cannot say that Gaussians are antialiased."""
 _EXACT = (".ply", ".glb")
 """Formats that round nothing."""
 Values = Literal["stored", "activated"]
@@ -180,6 +182,8 @@ def losses(gaussians: Gaussians, target: str, source: str) -> str:
     lost = list[str]()
     if gaussians.sh_degree and target == ".splat":
         lost.append("view-dependent colour")
+    if gaussians.antialiased and target in _WITHOUT_MODEL:
+        lost.append("that the Gaussians are antialiased")
     if gaussians.extras:
         lost.append(f"{len(gaussians.extras)} extra columns")
     if target not in (*_EXACT, source):

@@ -36,6 +36,8 @@ from gaussian_trimmer.io.writing import write_whole
 _HEADER = struct.Struct("<4sIIBBBB")
 _MAGIC = b"NGSP"
 _COEFFICIENTS = (0, 3, 8, 15, 24)
+_ANTIALIASED = 1
+"""Bit of the flags."""
 _MAX_FRACTIONAL_BITS = 24
 _COLOUR_SCALE = 0.15
 _UP = (0.0, 1.0, 0.0)
@@ -49,6 +51,7 @@ class _Header:
     count: int
     sh_degree: int
     fractional_bits: int
+    antialiased: bool
     streams: int
     """Number of compressed streams; only in version 4."""
 
@@ -104,7 +107,8 @@ def write(gaussians: Gaussians, path: Path, *, version: Literal[3, 4] = 3) -> No
         raise InputError(f"Cannot write '{path}': .spz holds coordinates up to 8388607, not {reach:g}.")
     parts = [part.tobytes() for part in _encode(gaussians, bits)]
     streams = sum(map(bool, parts)) if version == 4 else 0
-    header = _HEADER.pack(_MAGIC, version, len(gaussians), gaussians.sh_degree, bits, 0, streams)
+    flags = _ANTIALIASED if gaussians.antialiased else 0
+    header = _HEADER.pack(_MAGIC, version, len(gaussians), gaussians.sh_degree, bits, flags, streams)
     if version == 3:
         contents = gzip.compress(b"".join([header, *parts]), compresslevel=6, mtime=0)
     else:
@@ -154,13 +158,13 @@ def _read_plain(data: bytes, path: Path) -> tuple[_Header, list[bytes]]:
 def _parse_header(data: bytes, versions: tuple[int, ...], path: Path) -> _Header:
     if len(data) < _HEADER.size or data[:4] != _MAGIC:
         raise InputError(f"'{path}' is not an .spz file: it does not begin with 'NGSP'.")
-    _, version, count, degree, fractional_bits, _, streams = _HEADER.unpack(data)
+    _, version, count, degree, fractional_bits, flags, streams = _HEADER.unpack(data)
     if version not in versions:
         raise InputError(f"'{path}' is of .spz version {version}; versions 2, 3 and 4 can be read.")
     if degree >= len(_COEFFICIENTS) or fractional_bits > _MAX_FRACTIONAL_BITS:
         raise InputError(f"'{path}' is damaged: SH degree {degree}, {fractional_bits} fractional bits.")
     check_count(count, path)
-    return _Header(version, count, degree, fractional_bits, streams)
+    return _Header(version, count, degree, fractional_bits, bool(flags & _ANTIALIASED), streams)
 
 
 def _decompress_zstd(data: bytes, size: int, path: Path) -> bytes:
@@ -201,6 +205,7 @@ def _decode(header: _Header, parts: list[ByteArray]) -> Gaussians:
         opacity_logits=opacity_logits_of(opacities[:, 0]),
         sh_dc=((colours / 255.0 - 0.5) / _COLOUR_SCALE).astype(np.float32),
         sh_rest=(sh.astype(np.float32) - 128.0) / 128.0,
+        antialiased=header.antialiased,
         notes=(CUT_TO_DEGREE_3,) if header.sh_degree > 3 else (),
     )
 

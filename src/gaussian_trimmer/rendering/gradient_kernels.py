@@ -225,6 +225,18 @@ def gather(ellipsoids, pinhole, splats, colours, sums, out):  # type: ignore[no-
             longest = max(abs(s[axis] * a[axis, 0]), abs(s[axis] * a[axis, 1]))
             if not longest < LARGEST_SPREAD:
                 s[axis] = 0.0  # Drawn as if it were shorter, so nothing follows from its length.
+        if lens[7] > 0:
+            # The opacity has the factor sqrt(det S / det (S + 0.3 I)), S the unfiltered covariance.
+            xx, xy, yy = 0.0, 0.0, 0.0
+            for axis in range(3):
+                xx += s[axis] * s[axis] * a[axis, 0] * a[axis, 0]
+                xy += s[axis] * s[axis] * a[axis, 0] * a[axis, 1]
+                yy += s[axis] * s[axis] * a[axis, 1] * a[axis, 1]
+            det, half = xx * yy - xy * xy, 0.5 * float(sums[i, 0])
+            if det > 1e-9 * xx * yy:
+                g_xx += half * (yy / det - A * A)
+                g_xy += half * (-xy / det - A * B)
+                g_yy += half * (xx / det - B * B - C * C)
         # dL / dJ (2, 3) = 2 G J Sigma, Sigma in the camera's frame.
         for k in range(3):
             slope_j[0, k], slope_j[1, k] = 0.0, 0.0

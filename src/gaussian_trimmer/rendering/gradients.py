@@ -136,7 +136,7 @@ def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatA
     chosen = np.flatnonzero(moves)
     rows = projection.rows[chosen]
     found = np.empty((len(rows), kernels.N_PARAMETERS), np.float32)
-    pinhole = pinhole_of(camera)
+    pinhole = pinhole_of(camera, gaussians.antialiased)
     splats, colours, sums = projection.splats[chosen], projection.colours[chosen], sums[chosen]
 
     def gather(first: int, last: int) -> None:

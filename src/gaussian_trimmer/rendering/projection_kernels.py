@@ -42,7 +42,7 @@ class Pinhole(NamedTuple):
     centre: Float64Array
     """(3,)."""
     lens: Float64Array
-    """Focal lengths (2), principal point (2), width, height, near plane, (7,)."""
+    """Focal lengths (2), principal point (2), width, height, near plane, whether opacities are compensated, (8,)."""
     limits: Float64Array
     """Slopes x / z (2) and y / z (2) of the widened frustum, (4,)."""
 
@@ -133,6 +133,11 @@ def project(ellipsoids, sh_dc, sh_rest, pinhole, splats, colours, drawn):  # typ
             det = LOW_PASS_VARIANCE * (xx + yy - LOW_PASS_VARIANCE) + area
         if not 0 < det < math.inf:
             continue
+        if lens[7] > 0:
+            # As much fainter as the low-pass filter has made it larger.
+            opacity *= math.sqrt(area / det)
+            if opacity < ALPHA_CUTOFF:
+                continue
         reach = math.sqrt(max(0.0, 2 * math.log(opacity / ALPHA_CUTOFF)))
         half_x, half_y = reach * math.sqrt(xx), reach * math.sqrt(yy)
         centre_x, centre_y = fx * across + cx, fy * down + cy

@@ -258,7 +258,7 @@ def _projected(gaussians: Gaussians, camera: Camera) -> tuple[FloatArray, FloatA
     """Return what `project` finds of all Gaussians; columns of a table become arrays of their own share by share."""
     n = len(gaussians)
     found = np.empty((n, 8), np.float32), np.empty((n, 4), np.float32), np.zeros(n, np.bool_)
-    pinhole = pinhole_of(camera)
+    pinhole = pinhole_of(camera, gaussians.antialiased)
 
     def part(first: int, last: int) -> None:
         share = slice(first, last)
@@ -295,8 +295,8 @@ def ellipsoids_of(gaussians: Gaussians, rows: IntArray | slice) -> Ellipsoids:
     return Ellipsoids(*(_owned(a[rows]) for a in (g.means, g.log_scales, g.quaternions, g.opacity_logits)))
 
 
-def pinhole_of(camera: Camera) -> Pinhole:
-    """Return a camera as the kernels take it."""
+def pinhole_of(camera: Camera, antialiased: bool) -> Pinhole:
+    """Return a camera as the kernels take it, for Gaussians that are antialiased or not."""
     margin = FRUSTUM_MARGIN * np.array([camera.width, camera.height])
     fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
     with np.errstate(all="ignore"):  # Lenses that are possible in name only show nothing; the kernel sees to that.
@@ -308,7 +308,7 @@ def pinhole_of(camera: Camera) -> Pinhole:
                 (camera.height + margin[1] - cy) / fy,
             ]
         )
-    lens = np.array([fx, fy, cx, cy, camera.width, camera.height, camera.near])
+    lens = np.array([fx, fy, cx, cy, camera.width, camera.height, camera.near, antialiased], np.float64)
     return Pinhole(np.ascontiguousarray(camera.world_to_camera), camera.centre, lens, limits)
 
 
