@@ -9,6 +9,8 @@ from gaussian_trimmer.evaluation.scoring import read_result
 from gaussian_trimmer.gaussians import SH_C0, concatenate
 from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.output.saving import save
+from gaussian_trimmer.removal.gaps import continued
+from gaussian_trimmer.removal.remove import CLOSED
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
@@ -80,13 +82,39 @@ def test_the_object_and_what_hides_the_hole_stay_as_they_are(results):
         assert np.mean((before - after) ** 2) < 10**-4
 
 
-def test_what_is_hardly_seen_around_the_object_does_not_go_on():
+def test_a_surface_that_is_hardly_seen_around_the_object_is_closed_and_goes_no_farther():
     near = np.linalg.norm(SCENE.means[:, :2], axis=1) < 0.75
     wide, small = (trim(SCENE.select(part), TRUTH[part], config=CONFIG) for part in (near | ~near, near | TRUTH))
-    assert wide.count(RowLabel.FILLED) > 10
-    assert wide.objects[0].not_filled is None
-    assert not small.count(RowLabel.FILLED)
-    assert "no flat surface" in small.objects[0].not_filled
+    assert wide.objects[0].not_filled is None and small.objects[0].not_filled is None
+    assert CLOSED in small.objects[0].warnings and CLOSED not in wide.objects[0].warnings
+    filled = small.background.select(small.background_label == RowLabel.FILLED)
+    assert len(filled) > 10
+    assert np.linalg.norm(filled.means[:, :2], axis=1).max() < 0.9
+    assert np.abs(filled.means[:, 2]).max() < 0.3
+
+
+def test_a_hole_in_what_is_not_flat_is_closed_between_what_is_seen():
+    ball = SCENE.select(TRUTH)
+    across, up = (part.ravel() for part in np.meshgrid(np.linspace(-0.75, 0.75, 60), np.linspace(-1, 3, 60)))
+    there = np.hypot(1.3 * across, up - 1) > 0.85  # what the ball hides of a niche behind it
+    niche = np.column_stack([2 * np.sin(across), 1 + 2 * np.cos(across) ** 2, up])[there]
+    around = toy.gaussians(niche, (0.05, 0.05, 0.05), toy.WHITE)
+    scene, truth = concatenate([ball, around]), np.arange(len(ball) + len(around)) < len(ball)
+    cameras = [toy.camera_at((x, -5, 2)) for x in (-1, 0, 1)]
+    result = trim(scene, truth, cameras=cameras, up=toy.UP, config=CONFIG)
+    assert CLOSED in result.objects[0].warnings
+    for camera in cameras:
+        before, after, unfilled = (render(part, camera).alpha for part in (scene, result.background, around))
+        middle = render(ball, camera).alpha > 0.9
+        assert unfilled[middle].mean() < 0.6 and after[middle].mean() > 0.8
+        assert np.abs(after - before)[render(ball, camera).alpha < 0.1].mean() < 0.01
+
+
+def test_the_middle_of_a_frame_is_harmonic():
+    known = np.ones((9, 9), bool)
+    known[2:7, 2:7] = False
+    slope = np.add.outer(np.arange(9.0), 2 * np.arange(9.0))
+    np.testing.assert_allclose(continued(np.where(known, slope, 0), known, ~known), slope, atol=1e-6)
 
 
 def test_without_a_flat_surface_nothing_is_filled():

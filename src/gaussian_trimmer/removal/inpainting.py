@@ -34,9 +34,9 @@ _DEPTH_RADII, _HEIGHT_RADII = 0.6, 0.1
 """How far below and above the surface they lie, in object radii."""
 _SINK_RADII = 0.01
 """Depth of the new Gaussians below the surface: above it they would hide the object's foot."""
-_OVERLAP, _FLATNESS = 0.75, 0.1
+OVERLAP, _FLATNESS = 0.75, 0.1
 """Standard deviations of new Gaussians along and across the surface, in widths of the squares that they stand for."""
-_OPACITY = 0.95
+NEW_OPACITY = 0.95
 _SQUARES = (4, 2, 1)
 """Widths of these squares in pixels, the largest first."""
 _ALIKE = 0.02
@@ -106,12 +106,12 @@ def _new_gaussians(picture: SurfacePicture, hole: BoolArray, rgb: FloatArray, si
         left &= ~np.repeat(np.repeat(whole, width, axis=0), width, axis=1)
     coordinates, colour, widths = (np.concatenate(column) for column in zip(*parts, strict=True))
     n = len(coordinates)
-    scales = widths[:, None] * surface.unit * np.array([_OVERLAP, _OVERLAP, _OVERLAP * _FLATNESS])
+    scales = widths[:, None] * surface.unit * np.array([OVERLAP, OVERLAP, OVERLAP * _FLATNESS])
     return Gaussians(
         surface.points(coordinates - [0, 0, sink]).astype(np.float32),
         np.log(scales).astype(np.float32),
         np.tile(quaternions_of(surface.axes.T[None]), (n, 1)),
-        np.full(n, logit(np.array(_OPACITY)), np.float32),
+        np.full(n, logit(np.array(NEW_OPACITY)), np.float32),
         ((colour - 0.5) / SH_C0).astype(np.float32),
         np.zeros((n, 3, rest), np.float32),
     )

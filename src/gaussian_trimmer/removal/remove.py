@@ -6,13 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray, concatenate
+from gaussian_trimmer.removal.gaps import close_gaps
 from gaussian_trimmer.removal.hidden import find_hanging, find_hidden
-from gaussian_trimmer.removal.inpainting import inpaint_surfaces
+from gaussian_trimmer.removal.inpainting import inpaint_surfaces, scale_radiance
 from gaussian_trimmer.removal.surfaces import find_surfaces
 from gaussian_trimmer.removal.views import RemovalViews
 
 NO_SURFACE = "there is no flat surface that is seen to go on under or behind the object"
+CLOSED = "No flat surface is seen to go on behind the object; what it hid is a guess that goes on from around it."
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +40,7 @@ def remove(views: RemovalViews, *, fill: bool, with_standing: bool = False) -> R
 
     Args:
         views: the object from all around.
-        fill: inpaint the surfaces that the object stood on or leaned against.
+        fill: inpaint the surfaces that the object stood on or leaned against, and close what gapes all the same.
         with_standing: the things that stand on the object leave with it.
     """
     surfaces = find_surfaces(views)
@@ -51,10 +53,16 @@ def remove(views: RemovalViews, *, fill: bool, with_standing: bool = False) -> R
         return replace(removal, discarded=removal.discarded | leaving)
     gone |= splinters
     found = inpaint_surfaces(views, surfaces, gone, isolated) if fill and surfaces else None
-    not_filled = NO_SURFACE if fill and not surfaces else None
     n = len(views.gaussians)
     inpainted, replaced, factor = found or (views.gaussians.select(slice(0)), np.zeros(n, np.bool_), np.ones(n))
-    return Removal(gone, inpainted, replaced, factor, not_filled, _what_stays(things))
+    stays, warnings = ~(views.removed | gone | replaced), _what_stays(things)
+    if fill:
+        background = concatenate([scale_radiance(views.gaussians.select(stays), factor[stays]), inpainted])
+        closing = close_gaps(views, background)
+        inpainted = concatenate([inpainted, closing])
+        warnings += (CLOSED,) if len(closing) and not surfaces else ()
+    not_filled = NO_SURFACE if fill and not len(inpainted) else None
+    return Removal(gone, inpainted, replaced, factor, not_filled, warnings)
 
 
 def _what_stays(things: IntArray) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -81,6 +81,10 @@ class RemovalViews:
     cameras: Sequence[Camera]
     cameras_above: Sequence[Camera] = ()
     """Steep views, which only tell where surfaces are seen."""
+    observing: Sequence[Camera] = ()
+    """Views from where the object was seen, for what no surface explains."""
+    beyond: Callable[[Sequence[Camera]], Gaussians] | None = None
+    """Returns what cameras show of the rest of the scene; None if there is no rest."""
 
     @cached_property
     def above(self) -> RemovalViews:

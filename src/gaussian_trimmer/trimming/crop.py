@@ -122,7 +122,7 @@ def crop_scene(setup: Setup, selection: BoolArray, excluded: BoolArray, up: Floa
     planned = not pictured and not setup.view_cameras
     occluding = np.zeros(len(scene), np.bool_)
     if not planned and config.context_radius > 0:
-        occluding = _before(scene, cameras, bounds)
+        occluding = shown_by(scene, cameras, bounds)
         occluding[rows] = False
     return SceneCrop(
         scene,
@@ -192,13 +192,13 @@ def _surroundings(
     return rows, members[rows]
 
 
-def _before(scene: Gaussians, cameras: Sequence[Camera], bounds: Bounds) -> BoolArray:
-    """Return which Gaussians some camera may see nearer than the far end of the object, (N,)."""
+def shown_by(scene: Gaussians, cameras: Sequence[Camera], before: Bounds | None = None) -> BoolArray:
+    """Return which Gaussians some camera may show, (N,), of all or nearer than the far end of some bounds."""
     found, widths = np.zeros(len(scene), np.bool_), np.exp(scene.largest_log_scales)
     means = scene.means.astype(np.float64)
     for camera in cameras:
         pixels, depths = camera.project(means)
-        far = float(camera.project(bounds.centre[None])[1][0]) + bounds.radius
+        far = np.inf if before is None else float(camera.project(before.centre[None])[1][0]) + before.radius
         possible = np.flatnonzero((depths > camera.near) & (depths < far))
         x, y = pixels[possible].T
         aside = np.maximum(np.maximum(-x, x - camera.width), np.maximum(-y, y - camera.height))

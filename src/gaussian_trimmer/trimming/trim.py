@@ -31,6 +31,7 @@ from gaussian_trimmer.trimming.arguments import (
 from gaussian_trimmer.trimming.assembly import assemble_object, assemble_result, resolve_overlaps
 from gaussian_trimmer.trimming.clock import LOG, Clock, Progress
 from gaussian_trimmer.trimming.config import TrimConfig
+from gaussian_trimmer.trimming.crop import shown_by
 from gaussian_trimmer.trimming.decision import Decision, decide, look
 from gaussian_trimmer.trimming.diagnosis import up_warning
 from gaussian_trimmer.trimming.result import THE_OBJECT, TrimResult
@@ -224,8 +225,16 @@ def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) ->
         return None
     target = crop.local.select(of_crop == number)
     bounds = robust_bounds(target, own_frame(target, crop.bounds.axes[2]))
-    around, above = (views_of_place(bounds, setup.config.refinement.size, above) for above in (False, True))
-    views = RemovalViews(crop.local, of_crop == number, of_crop > 0, bounds, around, above)
+    size = setup.config.refinement.size
+    around, above = (views_of_place(bounds, size, above) for above in (False, True))
+    observing = [camera.resized(min(1, size / max(camera.width, camera.height))) for camera in crop.cameras]
+
+    def beyond(cameras: Sequence[Camera]) -> Gaussians:
+        shown = shown_by(setup.scene, cameras) & (owner == 0)
+        shown[crop.rows] = False
+        return setup.scene.select(shown)
+
+    views = RemovalViews(crop.local, of_crop == number, of_crop > 0, bounds, around, above, observing, beyond)
     removal = remove(views, fill=setup.config.background == "filled", with_standing=setup.config.with_what_stands_on_it)
     if removal.not_filled:
         LOG.info("not filled: %s", removal.not_filled)

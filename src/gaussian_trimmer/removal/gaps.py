@@ -1,0 +1,213 @@
+"""Close what still gapes behind an object where no flat surface was found: what ends at the gap goes on.
+
+Seen from where the object was, a gap is a part of its silhouette in which the scene without it shows nothing, although
+something is seen on both sides of it, and more of its rim is seen than ends. There colour goes on as in a picture, and
+inverse depth as a soap film does (the harmonic function of its rim). What was hidden lies behind the object, and in no
+view before what is seen beside it. One view closes after the other what those before it left open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians, concatenate, logit
+from gaussian_trimmer.parallel import parallel_map
+from gaussian_trimmer.removal.inpainting import NEW_OPACITY, OVERLAP
+from gaussian_trimmer.removal.shift_map import inpaint_shift_map, shifted
+from gaussian_trimmer.removal.views import RemovalViews
+from gaussian_trimmer.rendering import Rendering, render
+from gaussian_trimmer.views.view import HALF, box_slices, clearly_nearer, grown
+
+_RIM_PIXELS = 3
+"""Pixels around a gap that go on, too: what is seen there is half open."""
+_SPECK = np.ones((3, 3), np.uint8)
+"""Gaps in which this does not fit are noise."""
+_LINES = [(1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1)]
+"""Steps along the lines, right and down, along which something is looked for on both sides of a gap."""
+_LEAST_OPACITY = 0.1
+"""Fainter Gaussians of the object do not tell how far back it reaches."""
+_BLUR_PIXELS = 3.0
+"""Standard deviation of the blur of depths, which are rough where the object's back bounds them."""
+_SAME_DEPTH = 0.97
+"""What is nearer than this, relative to what is seen, hides it."""
+
+
+class _Sight(NamedTuple):
+    """What one view shows of the object alone, and of the scene when it is gone."""
+
+    camera: Camera
+    object: Rendering
+    rest: Rendering
+
+    @property
+    def silhouette(self) -> BoolArray:
+        return self.object.alpha > HALF
+
+    @property
+    def seen(self) -> BoolArray:
+        """Where anything is seen around the object, (H, W)."""
+        return self.rest.alpha > HALF
+
+    @property
+    def open(self) -> BoolArray:
+        """Where nothing is seen behind the object, (H, W)."""
+        open_ = (self.silhouette & ~self.seen).astype(np.uint8)
+        return np.asarray(cv2.morphologyEx(open_, cv2.MORPH_OPEN, _SPECK) > 0)
+
+    def gap(self, radius: float) -> tuple[BoolArray, BoolArray]:
+        """Return which pixels are to be closed, and which are known to be behind the object, (H, W) each.
+
+        Args:
+            radius: the object's, in scene units.
+        """
+        front = _nearest(self.object.depth, self.silhouette)
+        behind = ~(self.seen & clearly_nearer(self.rest.depth, front, radius))
+        hole = grown(self.open, _RIM_PIXELS) & behind & (self.silhouette | self.seen)
+        outside = self.seen & ~hole
+        nothing = ~self.seen & ~hole & ~self.silhouette
+        goes_on = continued(outside.astype(np.float64), outside | nothing, hole) > HALF
+        return _between(outside, hole) & goes_on, outside & behind
+
+
+def close_gaps(views: RemovalViews, background: Gaussians) -> Gaussians:
+    """Return new Gaussians that close the gaps behind an object.
+
+    Args:
+        views: the object and what is around it, and the views from where it was seen.
+        background: what is around it when it is gone.
+    """
+    new, target = background.select(slice(0)), views.gaussians.select(views.of_object)
+
+    def seen(scene: Gaussians) -> list[_Sight]:
+        rests = parallel_map(lambda camera: render(scene, camera), views.observing)
+        return [_Sight(*sight) for sight in zip(views.observing, alone, rests, strict=True)]
+
+    alone = list(parallel_map(lambda camera: render(target, camera), views.observing))
+    sights = seen(background)
+    if views.beyond and any(sight.open.any() for sight in sights):
+        background = concatenate([background, views.beyond(views.observing)])
+        sights = seen(background)
+    for sight in sights:
+        if len(new):
+            sight = sight._replace(rest=render(concatenate([background, new]), sight.camera))
+        hole, known = sight.gap(views.bounds.radius) if sight.open.any() else (sight.open, sight.open)
+        if hole.any() and known.any():
+            found = _continued(sight, hole, known, target)
+            new = concatenate([new, found.select(~_contradicted(found.means, sights))])
+    return new
+
+
+def _continued(sight: _Sight, hole: BoolArray, known: BoolArray, target: Gaussians) -> Gaussians:
+    """Return a Gaussian for each pixel of a hole (H, W), in the colours and depths that go on from what is known."""
+    camera, rest = sight.camera, sight.rest
+    inverse_depth = np.divide(1, rest.depth, out=np.zeros(known.shape), where=known)
+    inverse_depth = continued(inverse_depth, known, hole)
+    hole = hole & (inverse_depth > 0)
+    inverse_depth[hole] = np.minimum(inverse_depth, 1 / _farthest(target, sight))[hole]
+    depth = 1 / _blurred(inverse_depth, known | hole)[hole]
+    depth = np.maximum(depth, np.where(sight.seen, rest.depth, 0)[hole])
+    rgb = rest.rgb / np.where(sight.seen, rest.alpha, 1)[..., None]
+    colour = inpaint_shift_map(np.clip(rgb, 0, 1), known, hole)[0][hole]
+    pixels = np.argwhere(hole)[:, ::-1] + 0.5
+    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(camera.K).T @ camera.rotation
+    n, widths = len(pixels), OVERLAP * depth / camera.K[0, 0]
+    return Gaussians(
+        (camera.centre + rays * depth[:, None]).astype(np.float32),
+        np.repeat(np.log(widths)[:, None], 3, axis=1).astype(np.float32),
+        np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
+        np.full(n, logit(np.array(NEW_OPACITY)), np.float32),
+        ((colour - 0.5) / SH_C0).astype(np.float32),
+        np.zeros((n, *target.sh_rest.shape[1:]), np.float32),
+    )
+
+
+def _contradicted(means: FloatArray, sights: Sequence[_Sight]) -> BoolArray:
+    """Return which points (N, 3) some view sees past, beside the object, (N,)."""
+    past = np.zeros(len(means), np.bool_)
+    for sight in sights:
+        pixels, depths = sight.camera.project(means.astype(np.float64))
+        rows = np.flatnonzero(sight.camera.contains(pixels))
+        x, y = pixels[rows].astype(np.int64).T
+        beside = ~grown(sight.silhouette, _RIM_PIXELS + 1)[y, x]
+        past[rows] |= beside & (~sight.seen[y, x] | (depths[rows] < _SAME_DEPTH * sight.rest.depth[y, x]))
+    return past
+
+
+def _farthest(target: Gaussians, sight: _Sight) -> FloatArray:
+    """Return how far back the object reaches in each pixel of a view, (H, W)."""
+    pixels, depths = sight.camera.project(target.means.astype(np.float64))
+    rows = np.flatnonzero(sight.camera.contains(pixels) & (target.opacities > _LEAST_OPACITY))
+    x, y = pixels[rows].astype(np.int64).T
+    farthest = np.zeros(sight.silhouette.shape, np.float32)
+    np.maximum.at(farthest, (y, x), depths[rows].astype(np.float32))
+    farthest = np.asarray(cv2.dilate(farthest, np.ones((5, 5), np.uint8)), np.float32)
+    return _nearest(farthest, farthest > 0)
+
+
+def _blurred(image: Float64Array, inside: BoolArray) -> Float64Array:
+    """Return an image (H, W), blurred where it counts."""
+    weight, weighted = (
+        cv2.GaussianBlur(part, (0, 0), _BLUR_PIXELS) for part in (inside.astype(np.float64), np.where(inside, image, 0))
+    )
+    return np.asarray(weighted / np.maximum(weight, 1e-9))
+
+
+def _nearest(image: FloatArray, known: BoolArray) -> FloatArray:
+    """Return an image (H, W) with the value of the nearest known pixel in each one that is not known."""
+    from scipy.ndimage import distance_transform_edt
+
+    rows, columns = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return np.asarray(image[rows, columns])
+
+
+def _between(known: BoolArray, hole: BoolArray) -> BoolArray:
+    """Return the pixels of a hole that lie between known ones along some line through them, (H, W)."""
+    between = np.zeros_like(hole)
+    for right, down in _LINES:
+        between |= _met(known, hole, right, down) & _met(known, hole, -right, -down)
+    return between
+
+
+def _met(known: BoolArray, hole: BoolArray, right: int, down: int) -> BoolArray:
+    """Return from where in a hole the first pixel outside of it, in some direction, is a known one, (H, W)."""
+    everywhere, met = box_slices((0, 0, *hole.shape[::-1])), known
+    while True:
+        farther = met | (hole & shifted(met, down, right, everywhere))
+        if np.array_equal(farther, met):
+            return met & hole
+        met = farther
+
+
+def continued(image: Float64Array, known: BoolArray, hole: BoolArray) -> Float64Array:
+    """Return an image (H, W) in which a hole is harmonic: each of its pixels is the mean of those beside it.
+
+    Args:
+        image: the values.
+        known: pixels that count, (H, W); others than these and the hole are left out.
+        hole: pixels to be filled, (H, W), none of them known. Zero where nothing known is beside it.
+    """
+    from scipy.sparse import csr_array, diags_array
+    from scipy.sparse.linalg import spsolve
+
+    n, number, inside = np.count_nonzero(hole), np.full(hole.shape, -1), known | hole
+    number[hole] = np.arange(n)
+    first, last, every = slice(None, -1), slice(1, None), slice(None)
+    count, sums, links = np.full(n, 1e-9), np.zeros(n), []
+    for here, there in [((first, every), (last, every)), ((every, first), (every, last))]:
+        for one, other in [(here, there), (there, here)]:
+            beside = hole[one] & inside[other]
+            rows, others = number[one][beside], number[other][beside]
+            rim = others < 0
+            count += np.bincount(rows, minlength=n)
+            sums += np.bincount(rows[rim], image[other][beside][rim], minlength=n)
+            links.append([rows[~rim], others[~rim]])
+    rows, columns = np.concatenate(links, axis=1)
+    matrix = diags_array(count) - csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
+    filled = image.copy()
+    filled[hole] = spsolve(matrix.tocsc(), sums)
+    return filled
