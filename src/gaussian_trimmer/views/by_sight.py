@@ -33,6 +33,8 @@ _TRIED_GAUSSIANS = 5000
 """Gaussians of the object, and around it, that are drawn on trial at most, larger as they are fewer."""
 _FREE_SHARE = 0.5
 """Share of the object that a free view shows."""
+_LEAST_SHARE = 0.2
+"""Share of what the best view shows that every chosen one shows, since a view of less tells what hides the object."""
 _ENOUGH_FREE = 0.75
 """Share of every second direction that is free where those between them are not tried."""
 
@@ -64,7 +66,7 @@ def choose_views(scene: Gaussians, rows: IntArray, around: IntArray, bounds: Bou
         rows: those of the object.
         around: those that may hide it, up to `TRIAL_RADII` away.
         bounds: the object's; their third axis is up.
-        count: number of views; fewer are chosen if no other shows anything.
+        count: number of views; fewer are chosen if no others show enough.
     """
     yaws, pitches = _directions()
     target, rest = (thinned(scene, part, -(-len(part) // _TRIED_GAUSSIANS)) for part in (rows, around))
@@ -76,6 +78,7 @@ def choose_views(scene: Gaussians, rows: IntArray, around: IntArray, bounds: Bou
         shown = np.concatenate([shown, _weights(everything, cameras[half:])[:, : len(target)]])
         free = _free(shown, target, cameras)
     total, most = shown.sum(axis=1), shown.max(axis=0)
+    total[total < _LEAST_SHARE * total.max()] = 0
     relative = shown / np.maximum(most, 1e-9)
     new = 1 - np.exp(-relative)
     seen, chosen = np.zeros_like(most), list[int]()
