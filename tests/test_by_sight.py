@@ -5,7 +5,7 @@ import pytest
 from toy import BLUE, CENTRE, UP, any_rotation, ball_on_floor, gaussians, moved
 
 from gaussian_trimmer import trim
-from gaussian_trimmer.cameras import up_frame
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at, up_frame
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.geometry.bounds import robust_bounds
 from gaussian_trimmer.trimming.config import TrimConfig
@@ -102,6 +102,15 @@ def test_more_views_begin_with_those_of_fewer():
     few, many = chosen(SCENE, TRUTH, count=5), chosen(SCENE, TRUTH)
     np.testing.assert_array_equal(many.yaws[:5], few.yaws)
     assert len(many.yaws) == COUNT
+
+
+@pytest.mark.parametrize(("yaw", "comes_first"), [(0, True), (77, True), (180, False)])
+def test_the_view_of_a_mark_is_taken_first_where_it_shows_the_object(yaw, comes_first):
+    scene, truth = with_walls(180)
+    camera = Camera(look_at(CENTRE + 9 * direction(yaw), CENTRE, UP), intrinsics(1.0, 64, 64), 64, 64)
+    rows, rest = np.flatnonzero(truth), np.flatnonzero(~truth)
+    views = choose_views(scene, rows, rest, robust_bounds(scene.select(rows), up_frame(UP)), COUNT, [camera])
+    assert (abs(views.yaws[0] - np.radians(yaw)) < 0.02) == comes_first
 
 
 @pytest.mark.parametrize("plan", [{"yaw_range_degrees": (0, 360)}, {"pitch_degrees": 30}, {"framing": "paper"}])

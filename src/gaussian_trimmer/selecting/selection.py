@@ -18,11 +18,11 @@ if TYPE_CHECKING:  # most selections are read from files, and need no kernels
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.cameras import Camera, CameraSet, Viewpoint
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Gaussians, check_gaussians
-from gaussian_trimmer.selecting.marks import FromFile, Mark, read_marks
+from gaussian_trimmer.selecting.marks import Box, Click, FromFile, Mark, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 from gaussian_trimmer.selection_files.selection_file import flag
 
@@ -76,6 +76,12 @@ class Selection:
     def removed(self) -> BoolArray:
         """What marks removed and none selected again, (N,)."""
         return np.zeros_like(self.mask) if self.excluded is None else self.excluded
+
+    @property
+    def views(self) -> tuple[Camera, ...]:
+        """Cameras of the views in which marks added to it."""
+        added = (m for m in self.marks.marks if isinstance(m, Click | Box) and m.effect == "add") if self.marks else ()
+        return tuple(mark.view.camera for mark in added if isinstance(mark.view, Viewpoint))
 
     def combined(self, found: BoolArray, effect: Effect) -> Selection:
         """Combine with what a mark means, (N,); what one removes is excluded whether or not it was selected."""

@@ -87,7 +87,9 @@ class SceneRenderings:
     """Blend weight of each selected Gaussian rendered alone, (S,)."""
 
 
-def crop_scene(setup: Setup, selection: BoolArray, excluded: BoolArray, up: Float64Array) -> SceneCrop:
+def crop_scene(
+    setup: Setup, selection: BoolArray, excluded: BoolArray, up: Float64Array, marked_from: Sequence[Camera] = ()
+) -> SceneCrop:
     """Plan the views of an object, and find the Gaussians around it.
 
     Args:
@@ -95,6 +97,7 @@ def crop_scene(setup: Setup, selection: BoolArray, excluded: BoolArray, up: Floa
         selection: the selected object, (N,).
         excluded: which Gaussians may not join it unless they are selected, (N,).
         up: the up vector, (3,).
+        marked_from: cameras of the views in which the object was marked.
     """
     scene, config = setup.scene, setup.config
     target = scene.select(selection)
@@ -111,7 +114,7 @@ def crop_scene(setup: Setup, selection: BoolArray, excluded: BoolArray, up: Floa
         near = squared < (TRIAL_RADII * whole_bounds.radius) ** 2
         near[members] = False
         count = max(config.plan.views, config.refinement.views)
-        chosen = choose_views(scene, members, np.flatnonzero(near), bounds, count)
+        chosen = choose_views(scene, members, np.flatnonzero(near), bounds, count, marked_from)
         cameras = chosen.cameras(config.plan.views, config.plan.size, config.plan.fov_degrees, config.plan.fill)
     else:
         cameras = cameras_around(target, bounds, config.plan, seeing)

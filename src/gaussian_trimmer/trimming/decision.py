@@ -133,7 +133,7 @@ def _plan(setup: Setup, rough: RoughObject) -> Decision:
     """Decide where to look from; refused if an input is wrong."""
     scene, selection = setup.scene, mask_of_rows(rough.rows, len(setup.scene))
     up = setup.up or find_up(scene, setup.cameras, setup.config.up, selection)
-    crop = crop_scene(setup, selection, _excluded(setup, rough), up.direction)
+    crop = crop_scene(setup, selection, _excluded(setup, rough), up.direction, rough.views)
     wrong = find_wrong_input(scene, selection, crop.bounds, training_cameras(setup.cameras))
     doubt = setup.up_warning
     if setup.up is None and not wrong:

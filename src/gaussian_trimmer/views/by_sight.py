@@ -19,8 +19,9 @@ from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering import blend_weights
 from gaussian_trimmer.views.camera_rings import framing_ring
+from gaussian_trimmer.views.small_views import angles_around
 from gaussian_trimmer.views.standing import thinned
-from gaussian_trimmer.views.virtual_cameras import PlanConfig
+from gaussian_trimmer.views.virtual_cameras import MAX_PITCH, PlanConfig
 
 _PITCHES_DEGREES = (8.0, 25.0, 45.0, 65.0)
 _YAWS_AT_HORIZON = 16
@@ -58,7 +59,14 @@ class ChosenViews:
         return framing_ring(self.bounds, self.yaws[:count][order], self.pitches[:count][order], size, fov, fill)
 
 
-def choose_views(scene: Gaussians, rows: IntArray, around: IntArray, bounds: Bounds, count: int) -> ChosenViews:
+def choose_views(
+    scene: Gaussians,
+    rows: IntArray,
+    around: IntArray,
+    bounds: Bounds,
+    count: int,
+    marked_from: Sequence[Camera] = (),
+) -> ChosenViews:
     """Choose where to look at an object from.
 
     Args:
@@ -67,8 +75,12 @@ def choose_views(scene: Gaussians, rows: IntArray, around: IntArray, bounds: Bou
         around: those that may hide it, up to `TRIAL_RADII` away.
         bounds: the object's; their third axis is up.
         count: number of views; fewer are chosen if no others show enough.
+        marked_from: cameras from whose directions somebody has seen the object: these are taken first.
     """
+    known_yaws, known_pitches = angles_around(marked_from, bounds)
     yaws, pitches = _directions()
+    yaws = np.append(known_yaws, yaws)
+    pitches = np.append(np.clip(known_pitches, -MAX_PITCH, MAX_PITCH), pitches)
     target, rest = (thinned(scene, part, -(-len(part) // _TRIED_GAUSSIANS)) for part in (rows, around))
     everything, fov, half = concatenate([target, rest]), float(np.radians(PlanConfig.fov_degrees)), -(-len(yaws) // 2)
     cameras = framing_ring(bounds, yaws, pitches, _TRIAL_PIXELS, fov, PlanConfig.fill)
@@ -81,10 +93,12 @@ def choose_views(scene: Gaussians, rows: IntArray, around: IntArray, bounds: Bou
     total[total < _LEAST_SHARE * total.max()] = 0
     relative = shown / np.maximum(most, 1e-9)
     new = 1 - np.exp(-relative)
-    seen, chosen = np.zeros_like(most), list[int]()
+    seen, chosen, known = np.zeros_like(most), list[int](), np.arange(len(shown)) < len(marked_from)
     for _ in range(min(count, len(shown))):
         gains = total * (np.exp(-seen) * new * most).sum(axis=1)
         gains[chosen] = 0
+        if (gains * known).any():
+            gains *= known
         best = int(np.argmax(gains))
         if gains[best] <= 0:
             break
