@@ -56,8 +56,7 @@ class _Sight(NamedTuple):
     @property
     def open(self) -> BoolArray:
         """Where nothing is seen behind the object, (H, W)."""
-        open_ = (self.silhouette & ~self.seen).astype(np.uint8)
-        return np.asarray(cv2.morphologyEx(open_, cv2.MORPH_OPEN, _SPECK) > 0)
+        return _without_specks(self.silhouette & ~self.seen)
 
     def gap(self, radius: float) -> tuple[BoolArray, BoolArray]:
         """Return which pixels are to be closed, and which are known to be behind the object, (H, W) each.
@@ -71,7 +70,8 @@ class _Sight(NamedTuple):
         outside = self.seen & ~hole
         nothing = ~self.seen & ~hole & ~self.silhouette
         goes_on = continued(outside.astype(np.float64), outside | nothing, hole) > HALF
-        return _between(outside, hole) & goes_on, outside & behind
+        closed = _without_specks(self.open & goes_on & _between(outside, hole))
+        return hole & grown(closed, _RIM_PIXELS), outside & behind
 
 
 def close_gaps(views: RemovalViews, background: Gaussians) -> Gaussians:
@@ -163,6 +163,10 @@ def _nearest(image: FloatArray, known: BoolArray) -> FloatArray:
 
     rows, columns = distance_transform_edt(~known, return_distances=False, return_indices=True)
     return np.asarray(image[rows, columns])
+
+
+def _without_specks(mask: BoolArray) -> BoolArray:
+    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, _SPECK) > 0)
 
 
 def _between(known: BoolArray, hole: BoolArray) -> BoolArray:
