@@ -13,7 +13,7 @@ else the scene's own. The methods are those of other programs, written anew afte
     SAGD, mended        the same without these two
     COB-GS-like         Gaussians that masks pull in both directions cut in two, twice, and all assigned anew
 
-Means are over the objects, each over its test views, with 95 % bootstrap intervals.
+Means are over the objects, each over its test views, with 95 % t intervals from five captures on.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from benchmark_scenes import open_scene
+from benchmark_scenes import capture_of, open_scene
 from quality import parser_of
 from variants import chosen_variants
 
@@ -182,10 +182,11 @@ def table_of(runs: Sequence[Run], variants: Sequence[str], notes: Sequence[str])
     for method in dict.fromkeys(run.kind for run in runs):
         for number, variant in enumerate(variants):
             own = [run for run in runs if (run.kind, run.variant) == (method, variant)]
-            scores = unit_scores(own, "objects").values()
-            if number == 0:
-                rows.append([method, *(interval_of([before[name] for before, _ in scores]) for name in METRICS)])
-            rows.append([f"+ {variant}", *(interval_of([after[name] for _, after in scores]) for name in METRICS)])
+            scores = unit_scores(own, "objects")
+            captures = [capture_of(unit.partition("/")[0]) for unit in scores]
+            for label, when in ([(method, 0)] if number == 0 else []) + [(f"+ {variant}", 1)]:
+                values = ([pair[when][name] for pair in scores.values()] for name in METRICS)
+                rows.append([label, *(interval_of(of_metric, captures) for of_metric in values)])
     return ScoreTable("Methods that lift masks, alone and trimmed", ["", *METRICS.values()], rows, notes, digits=1)
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from benchmark_scenes import BenchmarkScene, find_scenes, open_scene
+from benchmark_scenes import BenchmarkScene, capture_of, find_scenes, open_scene
 from variants import chosen_variants
 
 from gaussian_trimmer.camera_files import read_camera_set
@@ -116,7 +116,8 @@ def quality(
         for name in ("kind", "scene"):
             tables[f"{variant}-{name}s"] = table_of(f"{variant}, by {name}", grouped(own, name), notes)
     metrics = [metric + ending for ending in RULES.values() for metric in ("iou", "accuracy", "boundary_iou")]
-    tables["statistics"] = table_of_statistics("how sure the means over objects are", by_variant, metrics, notes)
+    title = "how sure the means over objects are"
+    tables["statistics"] = table_of_statistics(title, by_variant, metrics, notes, capture_of=capture_of)
     if len(by_variant) > 1:
         tables["worth"] = worth_table(by_variant, notes)
     return tables, runs, {}
@@ -152,10 +153,12 @@ def worth_table(variants: Mapping[str, Sequence[Run]], notes: Sequence[str]) -> 
     best, metrics = unit_scores(first, "objects"), known_metrics(*(run.after for run in first))
     rows: list[list[Cell]] = []
     for name, runs in others:
-        pairs = [(best[unit][1], after) for unit, (_, after) in unit_scores(runs, "objects").items()]
-        worth = [interval_of([whole[metric] - part[metric] for whole, part in pairs]) for metric in metrics]
+        scores = unit_scores(runs, "objects")
+        pairs = [(best[unit][1], after) for unit, (_, after) in scores.items()]
+        captures = [capture_of(unit.partition("/")[0]) for unit in scores]
+        worth = [interval_of([whole[metric] - part[metric] for whole, part in pairs], captures) for metric in metrics]
         rows.append([name, len(pairs), *worth])
-    about = f"scores after trimming, of '{full}' less those of the row; means over objects, 95 % intervals"
+    about = f"scores after trimming, of '{full}' less those of the row; means over objects, 95 % intervals by captures"
     columns = ["", "objects", *(METRICS[name] for name in metrics)]
     return ScoreTable(f"what '{full}' is worth", columns, rows, [about, *notes])
 

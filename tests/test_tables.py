@@ -64,13 +64,22 @@ def test_cells_follow_the_metrics_that_there_are():
     assert score_cells(metrics, None, after) == [95.0, 85.0, 50.0]
 
 
-def test_means_have_bootstrap_intervals():
-    values = np.random.default_rng(1).normal(1.0, 2.0, 400)
-    found = interval_of(values)
-    half = 1.96 * values.std() / np.sqrt(len(values))
-    assert found[0] == pytest.approx(values.mean())
-    assert (found[2] - found[1]) / 2 == pytest.approx(half, rel=0.05)  # the normal approximation
-    assert interval_of([3.0]) == (3.0, None, None)
+def test_an_interval_is_students_and_none_is_made_of_fewer_than_five():
+    assert interval_of([1.0, 2.0, 3.0, 4.0, 5.0]) == pytest.approx(
+        (3.0, 3 - 2.776445 * 0.5**0.5, 3 + 2.776445 * 0.5**0.5)
+    )
+    assert interval_of([1.0, 2.0, 3.0, 4.0]) == (2.5, None, None)
+    assert interval_of(range(8), list("aabbccdd")) == (3.5, None, None)
+
+
+def test_intervals_cover_the_mean_of_captures_whose_objects_err_alike():
+    random, captures = np.random.default_rng(1), np.repeat(list("abcdef"), 6)
+    values = random.normal(size=(500, 6)).repeat(6, axis=1) + random.normal(size=(500, 36))
+    covered, as_if_alone = (
+        np.mean([low < 0 < high for _, low, high in (interval_of(row, units) for row in values)])
+        for units in (captures, None)
+    )
+    assert 0.92 < covered < 0.98 and as_if_alone < 0.75
 
 
 def run_of(name, before, after, scene="s", views=1):
@@ -78,19 +87,19 @@ def run_of(name, before, after, scene="s", views=1):
 
 
 def test_losing_trims_and_the_worst_are_told():
-    runs = [run_of("a", 90.0, 92.0), run_of("b", 80.0, 79.8), run_of("c", 70.0, 69.0)]
+    gains = {"a": 2.0, "b": -0.2, "c": -1.0, "d": 0.0, "e": 0.5}
+    runs = [run_of(name, 90.0, 90.0 + gain, scene=name) for name, gain in gains.items()]
     table = table_of_statistics("t", {"M": runs}, ["iou"], ["note"])
-    assert table.rows[0][-3:] == [1, -1.0, "s/c"] and table.rows[0][2] == 3
-    assert "80.00 [70.00, 90.00] | 80.27 [69.00, 92.00]" in table.text("table")
-    assert "$80.00$ [$70.00$, $90.00$] & $80.27$ [$69.00$, $92.00$] & $0.27$ [$-1.00$, $2.00$] & $1$" in table.text(
-        "latex"
-    )
+    assert table.rows[0][2:4] == [5, 5] and table.rows[0][-3:] == [1, -1.0, "c/c"]
+    assert "| 90.26 [88.88, 91.64] | 0.26 [-1.12, 1.64] |" in table.text("table")
+    assert "$90.26$ [$88.88$, $91.64$] & $0.26$ [$-1.12$, $1.64$] & $1$" in table.text("latex")
+    of_one = table_of_statistics("t", {"M": runs}, ["iou"], [], capture_of=lambda scene: "x" if scene < "c" else scene)
+    assert of_one.rows[0][3:5] == [4, (90.0, None, None)]
 
 
-def test_what_a_mean_is_over_is_what_is_resampled():
+def test_means_are_over_the_units_of_the_data_set():
     runs = [run_of("a", 90.0, 92.0), run_of("b", 80.0, 80.0, views=3), run_of("c", 70.0, 69.0, "t")]
     by_scene, by_view = (
         table_of_statistics("t", {"M": runs}, ["iou"], [], over).rows[0] for over in ("scenes", "scenes, by view")
     )
-    assert by_scene[2] == 2 and by_scene[3] == (77.5, 70.0, 85.0)
-    assert by_view[3] == (76.25, 70.0, 82.5)
+    assert by_scene[2:5] == [2, 2, (77.5, None, None)] and by_view[4] == (76.25, None, None)

@@ -9,7 +9,7 @@ import csv
 import io
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,8 @@ from gaussian_trimmer.evaluation.trials import LOSS, Run
 
 MADE_BY = f"made by gaussian-trimmer {__version__}"
 """A note of every table."""
-_ROUNDS, _ENDS = 10_000, (2.5, 97.5)
-"""Bootstrap samples, and the percentiles of their means between which an interval lies."""
+_LEAST_CAPTURES = 5
+"""Captures below which a mean has no interval: from fewer it would be too wide to say anything."""
 _LATEX: Mapping[str, str] = {
     **{character: f"\\{character}" for character in "&%$#_{}"},
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}",
@@ -184,18 +184,29 @@ def unit_scores(runs: Sequence[Run], over: MeanOver) -> dict[str, tuple[Scores, 
     }
 
 
-def interval_of(values: Sequence[float]) -> tuple[float, float | None, float | None]:
-    """Return the mean of values with the ends of its 95 % interval, which are not known for less than two.
+def interval_of(
+    values: Sequence[float], captures: Sequence[str] | None = None
+) -> tuple[float, float | None, float | None]:
+    """Return the mean of values with the ends of its 95 % t interval, which are not known for fewer than five captures.
 
-    >>> interval_of([1.0, 1.0, 1.0])
+    Values of one capture share its errors: their deviations from the mean are summed before they are squared.
+
+    >>> interval_of([1.0, 1.0, 1.0, 1.0, 1.0])
     (1.0, 1.0, 1.0)
+
+    Args:
+        values: scores or gains.
+        captures: the capture that each comes of; without it, each comes of its own.
     """
-    numbers = np.asarray(values, np.float64)
-    if len(numbers) < 2:
-        return float(numbers.mean()), None, None
-    drawn = np.random.default_rng(0).integers(0, len(numbers), (_ROUNDS, len(numbers)))
-    low, high = np.percentile(numbers[drawn].mean(axis=1), _ENDS)
-    return float(numbers.mean()), float(low), float(high)
+    from scipy.special import stdtrit  # takes longer to import than a command to start, and only intervals need it
+
+    mean = float(np.mean(values))
+    _, capture = np.unique(range(len(values)) if captures is None else list(captures), return_inverse=True)
+    summed = np.bincount(capture, np.asarray(values, np.float64) - mean)
+    if (n := len(summed)) < _LEAST_CAPTURES:
+        return mean, None, None
+    half = float(stdtrit(n - 1, 0.975) * np.sqrt(n / (n - 1) * np.sum(summed**2)) / len(values))
+    return mean, mean - half, mean + half
 
 
 def table_of_statistics(
@@ -204,28 +215,36 @@ def table_of_statistics(
     metrics: Sequence[str],
     notes: Sequence[str],
     mean_over: MeanOver = "objects",
+    capture_of: Callable[[str], str] = str,
 ) -> ScoreTable:
     """Return a row for each method and metric: before, after and gain with intervals, how many trims lose, the worst.
 
-    What is resampled is what the mean is taken over.
+    Args:
+        title: title of the table.
+        methods: the runs of each method.
+        metrics: names of metrics.
+        notes: notes on how scores were measured.
+        mean_over: what a mean is taken over.
+        capture_of: returns the name of the capture that a scene comes of.
     """
     units = mean_over.partition(",")[0]
     rows: list[list[Cell]] = []
     for method, runs in methods.items():
-        scores = unit_scores(runs, mean_over).values()
-        for name in (name for name in metrics if any(name in after for _, after in scores)):
-            befores, afters = zip(
-                *((before[name], after[name]) for before, after in scores if name in after), strict=True
-            )
+        scores = unit_scores(runs, mean_over)
+        for name in (name for name in metrics if any(name in after for _, after in scores.values())):
+            known = {unit: (before[name], after[name]) for unit, (before, after) in scores.items() if name in after}
+            captures = [capture_of(unit.partition("/")[0]) for unit in known]
+            befores, afters = zip(*known.values(), strict=True)
             worst = min((run for run in runs if name in run.after), key=lambda run: run.gain(name))
             rule = "iou_in_scene" if name.endswith("in_scene") else "iou"
             gains = [after - before for before, after in zip(befores, afters, strict=True)]
             losing = sum(run.loses(rule) for run in runs if name in run.after)
-            rows.append([method, METRICS[name], len(befores), *map(interval_of, (befores, afters, gains)),
-                         losing, worst.gain(name), f"{worst.scene}/{worst.object}"])  # fmt: skip
-    columns = ["method", "metric", units, "before", "after", "gain", "losing", "worst gain", "worst object"]
+            intervals = [interval_of(values, captures) for values in (befores, afters, gains)]
+            rows.append([method, METRICS[name], len(known), len(set(captures)), *intervals, losing,
+                         worst.gain(name), f"{worst.scene}/{worst.object}"])  # fmt: skip
+    columns = ["method", "metric", units, "captures", "before", "after", "gain", "losing", "worst gain", "worst object"]
     own = [
-        f"means over {units} with 95 % intervals: percentiles of {_ROUNDS} bootstrap samples of the {units}, seed 0",
+        f"means over {units} with 95 % t intervals, whose units are captures; none below {_LEAST_CAPTURES} captures",
         f"gain: after - before of the same {units}; losing: trims that gain less than -{LOSS} points of IoU, by that "
         "rule",
     ]
