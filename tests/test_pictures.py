@@ -68,7 +68,7 @@ def frames(picture):
 
 def test_before_after_shows_the_object_from_all_around():
     scene, truth = toy.ball_on_floor()
-    picture = draw_before_after(trim(scene, toy.dilated(scene, truth), config=toy.small_config()))
+    picture = draw_before_after(trim(scene, toy.dilated(scene, truth), config=toy.small_config(), views=12))
     assert picture.shape[1] == 6 * CELL + 5 * 4
     red = (picture[..., 2].astype(int) - picture[..., 0]) > 60
     for i in range(6):

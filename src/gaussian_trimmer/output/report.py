@@ -210,10 +210,11 @@ def checked_sides(part: TrimmedObject, cameras: Sequence[Camera]) -> tuple[BoolA
     """
     yaws, pitches = map(np.degrees, angles_around([view.view.camera for view in part.views], part.bounds))
     aside, observed = np.abs(pitches) <= _MAX_PITCH_DEGREES, np.ones(360, np.bool_)
-    # Half the usual step between neighbouring views, so that views side by side show all between them.
+    # Half the widest step between neighbouring views, so that views side by side show all between them, however near
+    # to each other some are; wider ones are gaps.
     places = np.unique(np.round(yaws[aside], 1) % 360)
     gaps = np.diff(np.append(places, places[:1] + 360))
-    reach = min(float(np.median(gaps)) / 2 if len(places) > 1 else 360.0, _MAX_REACH_DEGREES)
+    reach = gaps[gaps <= 2 * _MAX_REACH_DEGREES].max(initial=0) / 2 or _MAX_REACH_DEGREES
     degrees, accepted = np.arange(360) + 0.5, np.array([not view.rejected for view in part.views], np.bool_)
     apart = np.abs((degrees[:, None] - yaws[aside & accepted] + 180) % 360 - 180)
     if cameras:

@@ -21,7 +21,7 @@ from gaussian_trimmer.removal.inpainting import NEW_OPACITY, OVERLAP
 from gaussian_trimmer.removal.shift_map import inpaint_shift_map, shifted
 from gaussian_trimmer.removal.views import RemovalViews
 from gaussian_trimmer.rendering import Rendering, render
-from gaussian_trimmer.views.view import HALF, box_slices, clearly_nearer, grown
+from gaussian_trimmer.views.view import HALF, bounding_box, box_slices, clearly_nearer, grown
 
 _RIM_PIXELS = 3
 """Pixels around a gap that go on, too: what is seen there is half open."""
@@ -89,7 +89,9 @@ def close_gaps(views: RemovalViews, background: Gaussians) -> Gaussians:
 
     alone = list(parallel_map(lambda camera: render(target, camera), views.observing))
     sights = seen(background)
-    if views.beyond and any(sight.open.any() for sight in sights):
+    if not any(parallel_map(lambda sight: _stays_open(sight, background, views), sights)):
+        return new
+    if views.beyond:
         background = concatenate([background, views.beyond(views.observing)])
         sights = seen(background)
     for sight in sights:
@@ -100,6 +102,17 @@ def close_gaps(views: RemovalViews, background: Gaussians) -> Gaussians:
             found = _continued(sight, hole, known, target)
             new = concatenate([new, found.select(~_contradicted(found.means, sights))])
     return new
+
+
+def _stays_open(sight: _Sight, background: Gaussians, views: RemovalViews) -> bool:
+    """Tell whether the rest of the scene leaves something open; no more than what is open without it is drawn."""
+    still_open = sight.open
+    if not views.beyond or not still_open.any():
+        return bool(still_open.any())
+    box = bounding_box(still_open)
+    part = sight.camera.part(*box)
+    still_open[box_slices(box)] &= render(concatenate([background, views.beyond([part])]), part).alpha <= HALF
+    return bool(_without_specks(still_open).any())
 
 
 def _continued(sight: _Sight, hole: BoolArray, known: BoolArray, target: Gaussians) -> Gaussians:

@@ -197,17 +197,15 @@ def _surroundings(
 
 def shown_by(scene: Gaussians, cameras: Sequence[Camera], before: Bounds | None = None) -> BoolArray:
     """Return which Gaussians some camera may show, (N,), of all or nearer than the far end of some bounds."""
-    found, widths = np.zeros(len(scene), np.bool_), np.exp(scene.largest_log_scales)
-    means = scene.means.astype(np.float64)
+    found, reach = np.zeros(len(scene), np.bool_), _SEEN_DEVIATIONS * np.exp(scene.largest_log_scales)
+    means = np.ascontiguousarray(scene.means.T, np.float64)
     for camera in cameras:
-        pixels, depths = camera.project(means)
+        transform = camera.K @ camera.world_to_camera[:3]
+        x, y, depths = np.einsum("ij,jn->in", transform[:, :3], means) + transform[:, 3:]
         far = np.inf if before is None else float(camera.project(before.centre[None])[1][0]) + before.radius
-        possible = np.flatnonzero((depths > camera.near) & (depths < far))
-        x, y = pixels[possible].T
-        aside = np.maximum(np.maximum(-x, x - camera.width), np.maximum(-y, y - camera.height))
-        focal_length = max(camera.K[0, 0], camera.K[1, 1])
-        reach = _SEEN_DEVIATIONS * widths[possible] * focal_length / depths[possible]
-        found[possible[aside < reach]] = True
+        half = camera.width / 2, camera.height / 2
+        aside = np.maximum(*(np.abs(p - h * depths) - h * depths for p, h in zip((x, y), half, strict=True)))
+        found |= (depths > camera.near) & (depths < far) & (aside < reach * max(camera.K[0, 0], camera.K[1, 1]))
     return found
 
 

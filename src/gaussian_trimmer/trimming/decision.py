@@ -138,7 +138,7 @@ def _plan(setup: Setup, rough: RoughObject) -> Decision:
     doubt = setup.up_warning
     if setup.up is None and not wrong:
         doubt = up_warning(scene, selection, up)
-    found = (selection_warning(scene, selection), doubt, _sight_warning(crop))
+    found = (selection_warning(scene, selection), doubt, None if wrong else _sight_warning(crop))
     return Decision(rough, crop, up, tuple(warning for warning in found if warning), refused=wrong)
 
 

@@ -198,16 +198,20 @@ def up_from_layers(gaussians: Gaussians) -> UpVector | None:
     return UpVector(np.eye(3)[best] * (1.0 if found[best].is_upright else -1.0), "floor", lead)
 
 
-def up_from_ground_plane(gaussians: Gaussians, object_rows: BoolArray | None = None) -> UpVector | None:
+def up_from_ground_plane(
+    gaussians: Gaussians, object_rows: BoolArray | None = None, tries: int = _HYPOTHESES
+) -> UpVector | None:
     """Return the normal of the plane that most Gaussians lie on, towards what stands on it; None where there is none.
 
-    RANSAC over at most 20 000 centres drawn by opacity, then least squares on the inliers; the same every time. With
-    `object_rows` (N,) the object's surroundings are searched, at first the nearest ones, and planes that touch it from
-    one side are preferred; without, or if it lies in the plane, the side with more Gaussians is up.
+    RANSAC of so many tries over at most 20 000 centres drawn by opacity, then least squares on the inliers; the same
+    every time. With `object_rows` (N,) the object's surroundings are searched, at first the nearest ones, and planes
+    that touch it from one side are preferred; without, or if it lies in the plane, the side with more Gaussians is up.
     """
     rng, everything = np.random.default_rng(0), np.ones(len(gaussians), np.bool_)
     if object_rows is None or not object_rows.any():
-        return _up_from_points(_draw(gaussians, everything, _SAMPLE_SIZE, rng), None, _MIN_SHARE, _MIN_NEAR_SHARE, rng)
+        return _up_from_points(
+            _draw(gaussians, everything, _SAMPLE_SIZE, rng), None, _MIN_SHARE, _MIN_NEAR_SHARE, rng, tries
+        )
     object_points = _draw(gaussians, object_rows, _OBJECT_SAMPLE_SIZE, rng)
     distances, searched = _distances(gaussians.means, np.median(object_points, axis=0)), 0
     radius = float(np.quantile(distances[object_rows], 0.9))
@@ -216,21 +220,25 @@ def up_from_ground_plane(gaussians: Gaussians, object_rows: BoolArray | None = N
         if not near.any() or np.count_nonzero(near) == searched:
             continue
         least = (_MIN_NEAR_SHARE, _MIN_NEAR_SHARE) if reach == _REACHES_RADII[0] else (_MIN_SHARE, _MIN_SLANTED_SHARE)
-        found = _up_from_points(_draw(gaussians, near, _SAMPLE_SIZE, rng), object_points, *least, rng)
-        if found is not None and (found.confidence >= _MIN_SLANTED_SHARE or _is_plausible(found.direction, gaussians)):
+        found = _up_from_points(_draw(gaussians, near, _SAMPLE_SIZE, rng), object_points, *least, rng, tries)
+        if found is not None and (
+            found.confidence >= _MIN_SLANTED_SHARE or _is_plausible(found.direction, gaussians, tries)
+        ):
             return found
         searched = int(np.count_nonzero(near))
     if object_rows.all():
         return None
     # The object may be the ground itself.
-    return _up_from_points(_draw(gaussians, everything, _SAMPLE_SIZE, rng), None, _MIN_SHARE, _MIN_SLANTED_SHARE, rng)
+    return _up_from_points(
+        _draw(gaussians, everything, _SAMPLE_SIZE, rng), None, _MIN_SHARE, _MIN_SLANTED_SHARE, rng, tries
+    )
 
 
-def _is_plausible(up: Float64Array, scene: Gaussians) -> bool:
+def _is_plausible(up: Float64Array, scene: Gaussians, tries: int) -> bool:
     """Tell whether a small plane may be the ground: it lies along the axes, or as the plane of the whole scene."""
     if _along_axis(up[None])[0]:
         return True
-    whole = up_from_ground_plane(scene)
+    whole = up_from_ground_plane(scene, None, tries)
     return whole is not None and bool(abs(up @ whole.direction) > _AXIS_COSINE)
 
 
@@ -240,12 +248,13 @@ def _up_from_points(
     min_share: float,
     min_slanted_share: float,
     rng: np.random.Generator,
+    tries: int,
 ) -> UpVector | None:
     """Return the normal of the plane that most points lie on, if enough do."""
     if len(points) < _MIN_POINTS:
         return None
     tolerance = _THICKNESS_RADII * median_radius(points)
-    plane = _best_plane(points, object_points, tolerance, rng) if tolerance > 0 else None
+    plane = _best_plane(points, object_points, tolerance, rng, tries) if tolerance > 0 else None
     if plane is None:
         return None
     plane = fit_plane(plane, points, np.ones(len(points)), tolerance)
@@ -304,14 +313,14 @@ def _distances(points: FloatArray, centre: Float64Array) -> Float64Array:
 
 
 def _best_plane(
-    points: Float64Array, object_points: Float64Array | None, tolerance: float, rng: np.random.Generator
+    points: Float64Array, object_points: Float64Array | None, tolerance: float, rng: np.random.Generator, tries: int
 ) -> Plane | None:
     """Return the plane of highest score among random ones, or None where all points lie in a line.
 
     A score is at most the share of inliers, with its bonus, so the planes are scored in falling order of that until
     none can win.
     """
-    normals, offsets = random_planes(points, _HYPOTHESES, tolerance**2, rng)
+    normals, offsets = random_planes(points, tries, tolerance**2, rng)
     if len(normals) == 0:
         return None
     # Up is stored along -y, +y or +z by nearly all tools and along x by none: this decides between floor and wall.
