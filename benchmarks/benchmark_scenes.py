@@ -30,7 +30,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.ground_truth import TestView
+from gaussian_trimmer.evaluation.ground_truth import IGNORED, TestView
 from gaussian_trimmer.formats import read
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
 
@@ -117,7 +117,7 @@ class BenchmarkScene:
             return _picture(path, cv2.IMREAD_GRAYSCALE), counted
         for other in self.objects:
             if other != object_name:
-                counted &= self.coverage(other, camera.name) <= 0.5
+                counted &= self.coverage(other, camera.name) <= IGNORED
         return visible, counted
 
 

@@ -71,7 +71,7 @@ def test_both_truths_of_a_view(folder):
         np.testing.assert_allclose(visible, COVERAGE / 255, rtol=1e-6)
         assert known.all()
     np.testing.assert_array_equal(near.coverage, near.in_scene[0])
-    np.testing.assert_array_equal(near.counted, OTHER <= 127)
+    np.testing.assert_array_equal(near.counted, OTHER <= 25)
     np.testing.assert_array_equal(near.picture_counted, near.counted)
     np.testing.assert_allclose(far.coverage, alone / 255, rtol=1e-6)
     assert far.counted.all()

@@ -9,7 +9,6 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import only_training
 from gaussian_trimmer.evaluation.ground_truth import views_in
 from gaussian_trimmer.evaluation.metrics import likeness
-from gaussian_trimmer.evaluation.scoring import IGNORED
 from gaussian_trimmer.geometry.bounds import own_frame, robust_bounds
 from gaussian_trimmer.masks.mask_files import find_masks
 from gaussian_trimmer.removal.remove import remove
@@ -66,7 +65,7 @@ def test_the_scene_without_an_object_is_what_pictures_without_it_show(name):
     cameras = read_camera_set(scene.cameras_file)
     others = tuple(folder / "masks" / other for other in OBJECTS if other != name)
     pictured = [camera for camera, _ in find_masks(cameras.pinhole_cameras(), folder / "removed" / name)]
-    _, views = views_in(pictured, folder / "masks" / name, folder / "removed" / name, others, IGNORED)
+    _, views = views_in(pictured, folder / "masks" / name, folder / "removed" / name, others)
     result = trim(scene.gaussians, scene.coarse(name, "dilated"), cameras=only_training(cameras), up=scene.up)
     scores = [
         likeness(render(result.background, view.camera).rgb, view.image, grown(view.coverage > 0.5, 6) & view.counted)

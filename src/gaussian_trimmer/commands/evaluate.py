@@ -19,6 +19,7 @@ from gaussian_trimmer.commands.console import add_printing, open_console
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.evaluation.datasets import folders_in
 from gaussian_trimmer.evaluation.ground_truth import (
+    IGNORED,
     check_folders,
     find_picture,
     read_photograph,
@@ -35,7 +36,6 @@ from gaussian_trimmer.evaluation.metrics import (
     shared_pixels,
 )
 from gaussian_trimmer.evaluation.scoring import (
-    IGNORED,
     Cut,
     Judge,
     Scores,
@@ -205,7 +205,7 @@ def _measure(arguments: Namespace) -> Findings:
     rows.append(("mean", mean_scores(then for _, then, _ in rows), mean_scores(now for _, _, now in rows)))
     metrics = known_metrics(rows[-1][2])
     cells = [[name, *score_cells(metrics, then or None, now)] for name, then, now in rows]
-    notes = [judge.describe(), _views(found, cameras, "mask"), MADE_BY]
+    notes = [judge.describe(), _views(found, cameras, "mask") + _ignored(arguments), MADE_BY]
     if result.unknown:
         notes.append(f"without scores in scene and fidelity, which need the background: {result.unknown}")
     return {"scores": ScoreTable(title, ["view", *map(heading, metrics)], cells, notes)}, (), {}
@@ -269,12 +269,16 @@ def _views(found: Sequence[Camera], cameras: Sequence[Camera], what: str) -> str
     return f"views: {len(found)}, those of {len(cameras)} cameras with a {what}; mean over views"
 
 
+def _ignored(arguments: Namespace) -> str:
+    return f", where no mask to ignore exceeds {IGNORED:g}" if arguments.ignore else ""
+
+
 def _measure_removal(arguments: Namespace) -> Findings:
     background = read_background(arguments.result)
     cameras = read_cameras_of(arguments.result, arguments.cameras, trust_paths=arguments.trust_paths).pinhole_cameras()
     check_folders(arguments.images)
     pictured = [camera for camera, _ in find_masks(cameras, arguments.without)]
-    found, views = views_in(pictured, arguments.masks, arguments.without, arguments.ignore, ignored_above=IGNORED)
+    found, views = views_in(pictured, arguments.masks, arguments.without, arguments.ignore)
     rows: list[list[Cell]] = []
     for view in views:
         assert view.image is not None, "views without the object have their picture"
@@ -288,9 +292,8 @@ def _measure_removal(arguments: Namespace) -> Findings:
     numbers = [[cell for cell in column if isinstance(cell, float)] for column in zip(*rows, strict=True)]
     rows.append(["mean", None, *(float(np.mean(column)) if column else None for column in numbers[2:])])
     names = ["PSNR (dB)", "SSIM", *(["inpainting, PSNR (dB)", "inpainting, SSIM"] if arguments.images else [])]
-    ignored = f", where no mask to ignore exceeds {IGNORED:g}" if arguments.ignore else ""
     notes = [
-        f"pixels of the object's mask > 0.5, grown by {arguments.grow}{ignored}",
+        f"pixels of the object's mask > 0.5, grown by {arguments.grow}{_ignored(arguments)}",
         _views(found, cameras, "picture and a mask"),
         "SSIM in a window of 11 pixels",
         *([f"inpainting: OpenCV's after Telea, radius {INPAINT_RADIUS:g}"] if arguments.images else []),

@@ -23,6 +23,8 @@ from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, readin
 from gaussian_trimmer.masks.mask_files import find_mask, find_masks, read_picture
 from gaussian_trimmer.views.view import HALF_COVERAGE
 
+IGNORED = 0.1
+"""Coverage by another object above which a pixel does not count."""
 _MAX_PIXELS = 1 << 26
 _MAX_POLYGON_BYTES = 1 << 24
 _ASPECT_TOLERANCE = 0.02
@@ -151,7 +153,6 @@ def view_of(
     image: Path | None = None,
     ignored: Sequence[Path] = (),
     category: str | None = None,
-    ignored_above: float = 0.5,
 ) -> TestView:
     """Return the ground truth of one camera, from files.
 
@@ -160,7 +161,6 @@ def view_of(
         image: photograph, of any size.
         ignored: masks of pixels that do not count, of the size of the first.
         category: which object of a file of polygons is meant; None if the mask is a picture.
-        ignored_above: brightness from which on a pixel of those does not count.
 
     Raises:
         InputError: a file cannot be used.
@@ -172,7 +172,7 @@ def view_of(
         left_out = read_mask(path)
         if left_out.shape != coverage.shape:
             raise InputError(f"The masks '{mask}' and '{path}' have different sizes; they must have the same.")
-        counted &= left_out <= np.float32(ignored_above)
+        counted &= left_out <= IGNORED
     picture = read_photograph(image, width, height) if image is not None else None
     return TestView(at_size(camera, width, height, mask), picture, coverage, counted)
 
@@ -182,7 +182,6 @@ def views_in(
     masks: Path,
     images: Path | None = None,
     ignored: Sequence[Path] = (),
-    ignored_above: float = 0.5,
 ) -> tuple[list[Camera], Iterator[TestView]]:
     """Return the cameras that have a mask, and their ground truth, read view by view.
 
@@ -191,7 +190,6 @@ def views_in(
         masks: folder of masks; `IMG_7.png`, `IMG_7.JPG.png` or `IMG_7.jpg` belongs to `IMG_7.JPG`.
         images: folder of photographs of the same names.
         ignored: folders of masks of pixels that do not count; views without one count whole.
-        ignored_above: brightness from which on a pixel of those does not count.
 
     Raises:
         InputError: the folder has no mask of any camera, or a view has no photograph in `images`.
@@ -202,7 +200,7 @@ def views_in(
     def view(camera: Camera, path: Path) -> TestView:
         image = find_picture(images, camera) if images else None
         others = [other for folder in ignored if (other := find_mask(folder, camera))]
-        return view_of(camera, path, image, others, ignored_above=ignored_above)
+        return view_of(camera, path, image, others)
 
     return [camera for camera, _ in found], starmap(view, found)
 

@@ -51,8 +51,6 @@ RULES: Mapping[str, str] = {"alone": "", "in scene": "_in_scene"}
 ACC25 = ("acc25", "acc25_in_scene")
 """Share of masks with an IoU above a quarter, which says something of many masks together."""
 _ACC25_IOU = 25.0
-IGNORED = 0.1
-"""Coverage by another object above which a pixel says nothing of the scene without the object."""
 
 
 @dataclass(frozen=True, eq=False)
