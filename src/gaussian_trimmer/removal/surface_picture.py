@@ -85,11 +85,10 @@ def look_at(
     picture = SurfacePicture(surface, np.zeros((size, size, 3), np.float32), nothing, nothing, nothing)
     coordinates = picture.coordinates
     seen, through, by_object, by_others = _count_views(views, surface, surfaces, coordinates)
-    points, before = surface.points(coordinates.reshape(-1, 3)), ~nothing
-    clear = before.copy()
+    before, clear = ~nothing, ~nothing
     for other in surfaces:
         if other is not surface:
-            height = other.heights(points).reshape(size, size)
+            height = other.heights(surface.points(coordinates.reshape(-1, 3))).reshape(size, size)
             before &= height > 0
             clear &= height > THICKNESS_RADII
     empty = _opened((through > seen) & (through >= _MIN_VIEWS_THROUGH))
@@ -139,6 +138,8 @@ def _count_views(
     views: RemovalViews, surface: Surface, surfaces: Sequence[Surface], coordinates: Float64Array
 ) -> list[IntArray]:
     """Return in how many views the surface is seen, seen through, hidden by the object and by others, (P, P) each."""
+    if (surface, *surfaces) in views.counted:
+        return views.counted[surface, *surfaces]
     coarse = coordinates[::_COARSENING, ::_COARSENING] + [*[(_COARSENING - 1) / 2 / PIXELS_A_RADIUS] * 2, 0]
     points = surface.points(coarse.reshape(-1, 3))
     counts = np.zeros((4, len(points)), np.int64)
@@ -152,10 +153,11 @@ def _count_views(
         counts[1, rows] += sighted & ~near_it & (height < -THICKNESS_RADII)
         counts[2, rows] += of_object & (height > -THICKNESS_RADII)
         counts[3, rows] += ~near_it & (height > THICKNESS_RADII)
-    return [
+    views.counted[surface, *surfaces] = [
         np.repeat(np.repeat(count.reshape(coarse.shape[:2]), _COARSENING, axis=0), _COARSENING, axis=1)
         for count in counts
     ]
+    return views.counted[surface, *surfaces]
 
 
 def _from_above(

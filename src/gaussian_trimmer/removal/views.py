@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.rendering import Rendering, blend_weights, render
+from gaussian_trimmer.rendering import Rendering, render
+from gaussian_trimmer.rendering.tile_renderer import label_weights
 from gaussian_trimmer.views.view import HALF
 
 THICKNESS_RADII = 0.05
@@ -85,6 +86,8 @@ class RemovalViews:
     """Views from where the object was seen, for what no surface explains."""
     beyond: Callable[[Sequence[Camera]], Gaussians] | None = None
     """Returns what cameras show of the rest of the scene; None if there is no rest."""
+    counted: dict[tuple[Surface, ...], list[IntArray]] = field(default_factory=dict, init=False)
+    """How views see a surface among others, which is asked when it is found and when its picture is taken."""
 
     @cached_property
     def above(self) -> RemovalViews:
@@ -94,7 +97,7 @@ class RemovalViews:
     @cached_property
     def alone(self) -> list[Rendering]:
         """The object alone in each view."""
-        return self._render(self.gaussians.select(self.of_object))
+        return self._render(self.gaussians.select(self.of_object), [None] * len(self.cameras))
 
     @cached_property
     def silhouettes(self) -> list[BoolArray]:
@@ -103,8 +106,8 @@ class RemovalViews:
 
     @cached_property
     def renderings(self) -> list[Rendering]:
-        """Everything in each view."""
-        return self._render(self.gaussians)
+        """Everything in each view, with blend weights outside and inside the silhouette."""
+        return self._render(self.gaussians, self.silhouettes)
 
     @cached_property
     def sights(self) -> list[Sight]:
@@ -124,7 +127,7 @@ class RemovalViews:
     @cached_property
     def visible_in_view(self) -> FloatArray:
         """Blend weight of each Gaussian outside and inside the silhouette, with everything in each view, (V, N, 2)."""
-        return np.array(list(self._weigh_in_views(self.gaussians)))
+        return np.array([rendering.weights for rendering in self.renderings])
 
     @cached_property
     def visible(self) -> FloatArray:
@@ -139,18 +142,12 @@ class RemovalViews:
     def weigh(self, part: BoolArray) -> FloatArray:
         """Return the same as `visible` where only a part (N,) is in the views, (N, 2)."""
         total = np.zeros((len(part), 2), np.float32)
-        for weights in self._weigh_in_views(self.gaussians.select(part)):
+        for weights in label_weights(self.gaussians.select(part), self.cameras, self.silhouettes):
             total[part] += weights
         return total
 
-    def _weigh_in_views(self, drawn: Gaussians) -> Iterator[FloatArray]:
-        def weighed(camera: Camera, silhouette: BoolArray) -> FloatArray:
-            return blend_weights(drawn, camera, silhouette.astype(np.uint8), 2)
-
-        return parallel_map(weighed, self.cameras, self.silhouettes)
-
-    def _render(self, part: Gaussians) -> list[Rendering]:
-        return list(parallel_map(lambda c: render(part, c), self.cameras))
+    def _render(self, part: Gaussians, masks: Sequence[BoolArray | None]) -> list[Rendering]:
+        return list(parallel_map(lambda camera, mask: render(part, camera, mask=mask), self.cameras, masks))
 
 
 def _seen_points(camera: Camera, rendering: Rendering) -> Float64Array:

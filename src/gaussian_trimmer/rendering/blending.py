@@ -40,7 +40,8 @@ class Rendering:
     depth: FloatArray
     """Blend-weighted mean depth of what is seen, sum(w z) / alpha; zero where alpha is zero, (H, W)."""
     weights: FloatArray = field(default_factory=lambda: np.zeros(0, np.float32))
-    """Blend weight of each Gaussian, sum over pixels of alpha_i T_i, (N,); empty if it was not asked for."""
+    """Blend weight of each Gaussian, sum over pixels of alpha_i T_i, (N,), or outside and inside a mask, (N, 2); empty
+    if it was not asked for."""
 
 
 def view_colours(gaussians: Gaussians, camera: Camera) -> Float64Array:

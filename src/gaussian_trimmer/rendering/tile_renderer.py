@@ -99,21 +99,28 @@ class Projection:
 
 
 def render(
-    gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
+    gaussians: Gaussians,
+    camera: Camera,
+    background: FloatArray | None = None,
+    weights: bool = False,
+    mask: BoolArray | None = None,
 ) -> Rendering:
     """Render colour, alpha and depth of a view and, in the same pass if asked for, the blend weights of Gaussians.
 
     Accurate to about 1e-4 in colour against a computation in float64. `background` is an RGB colour (3,), black if not
-    given.
+    given. With a mask (H, W), the blend weights are those outside and inside of it.
     """
     projection = _kept_projections.project(gaussians, camera)
     labels = np.ones((int(weights), camera.height, camera.width), np.float32)
+    if mask is not None:
+        labels = np.stack([~mask, mask]).astype(np.float32)
     image, sums = _blend(projection, projection.colours, camera, labels)
     rgb, alpha = np.asarray(cv2.merge(list(image[:3])), np.float32), np.ascontiguousarray(image[4])
     if background is not None:
         rgb = rgb + (1 - alpha)[..., None] * np.asarray(background, np.float32)
     depth = np.divide(image[3], alpha, out=np.zeros_like(alpha), where=alpha > 0)
-    return Rendering(rgb, alpha, depth, projection.scattered(sums, len(gaussians)).ravel())
+    sums = projection.scattered(sums, len(gaussians))
+    return Rendering(rgb, alpha, depth, sums.ravel() if mask is None else sums)
 
 
 def blend_values(gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:

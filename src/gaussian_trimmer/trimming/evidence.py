@@ -124,16 +124,18 @@ def _behind(
     """
     some, rest = inner.select(joining), inner.select(chosen)
 
-    def of_view(render: ObjectRender) -> FloatArray:
-        bare, before = draw(some, render.alone.camera), draw(rest, render.alone.camera)
-        covered = before.image[3] > HALF
-        beside = covered & ~clearly_nearer(before.depth, bare.depth, radius)
-        shown = render.scene.weigh(np.ones((1, *covered.shape), np.float32))[joining, 0]
-        return np.stack([shown, bare.weigh((~beside)[None].astype(np.float32))[:, 0]])
+    def shown_in(render: ObjectRender) -> FloatArray:
+        return np.asarray(render.scene.weigh(np.ones((1, *render.unknown.shape), np.float32))[joining, 0])
 
-    shown, bare = np.stack(list(parallel_map(of_view, renders)), axis=1)  # (views, J) each
-    best = shown.argmax(axis=0), np.arange(len(joining))
-    return np.asarray(shown[best] < HALF * bare[best])
+    def bare_in(view: int) -> FloatArray:
+        bare, before = (draw(part, renders[view].alone.camera) for part in (some, rest))
+        beside = (before.image[3] > HALF) & ~clearly_nearer(before.depth, bare.depth, radius)
+        return bare.weigh((~beside)[None].astype(np.float32))[:, 0]
+
+    shown = np.stack(list(parallel_map(shown_in, renders)))  # (views, J)
+    best, of_best = np.unique(shown.argmax(axis=0), return_inverse=True)
+    bare = np.stack(list(parallel_map(bare_in, best)))[of_best, np.arange(len(joining))]
+    return np.asarray(shown.max(axis=0) < HALF * bare)
 
 
 def _weights(render: ObjectRender) -> FloatArray:
