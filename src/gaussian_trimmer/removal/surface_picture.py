@@ -36,6 +36,8 @@ _SPECK_PIXELS = 2
 """Emptiness and holes narrower than about twice this are noise of the depths."""
 _RING_PIXELS = 20
 """Width of the ring around a hole that tells whether a surface goes on there."""
+_FOOT_PIXELS = 3
+"""What is seen so near to where the object touches the surface is left of the object, or its contact shadow."""
 _REACH_RADII = 0.15
 """A hole that does not come so near to the object's foot point is not the object's."""
 
@@ -97,6 +99,7 @@ def look_at(
     if drawn is not None:
         known &= drawn
     hole = before & ~known & ~empty & (by_object > 0) & (by_object >= by_others)
+    hole |= before & ~empty & _foot(picture, views)
     return replace(picture, known=known & clear, empty=empty, hole=_at_the_object(_opened(hole), picture, views))
 
 
@@ -221,6 +224,16 @@ def _near_the_object(picture: SurfacePicture, views: RemovalViews) -> BoolArray:
     below = np.zeros_like(picture.hole)
     below[tuple(pixels[:, inside])] = True
     return grown(below, round(_REACH_RADII * PIXELS_A_RADIUS))
+
+
+def _foot(picture: SurfacePicture, views: RemovalViews) -> BoolArray:
+    """Return where the object touches the surface, and a little around, (P, P)."""
+    means = views.gaussians.means[views.of_object]
+    pixels, inside = picture.pixels_of(means)
+    inside &= np.abs(picture.surface.heights(means)) < _REACH_RADII
+    foot = np.zeros_like(picture.hole)
+    foot[tuple(pixels[:, inside])] = True
+    return grown(foot, _FOOT_PIXELS)
 
 
 def _at_the_object(hole: BoolArray, picture: SurfacePicture, views: RemovalViews) -> BoolArray:

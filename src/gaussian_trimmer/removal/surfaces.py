@@ -21,8 +21,8 @@ _END_QUANTILE = 0.02
 """Share of what is seen of the object that may lie beyond its end, so that floaters do not count."""
 _BIN_RADII = 0.02
 _MIN_SHARE = 0.12
-"""Smallest share that a surface must hold of what is seen around the object from before it: floors and walls of the
-benchmark's scenes hold 0.15 and more, other layers 0.09 and less."""
+"""Smallest share that a further surface must hold of what is seen around the object from before it: floors and walls of
+the benchmark's scenes hold 0.15 and more, other layers 0.09 and less."""
 _MIN_ABOVE = 0.9
 """Smallest share of the object's Gaussians that must lie on the surface's side."""
 _LEAST_RISE = 0.15
@@ -71,7 +71,8 @@ def find_surfaces(views: RemovalViews) -> list[Surface]:
     while len(directions) and len(found) < _MAX_SURFACES:
         plane, guess, _ = find_plane(points, directions, weights_at_the_end, _BIN_RADII, THICKNESS_RADII)
         weights, _ = weights_from_before(guess.normal)
-        if weights @ (np.abs(plane.signed_distance(points)) < THICKNESS_RADII) <= _MIN_SHARE * weights.sum():
+        share = weights @ (np.abs(plane.signed_distance(points)) < THICKNESS_RADII) / max(weights.sum(), 1e-9)
+        if found and share <= _MIN_SHARE:
             break
         surface = _surface(plane, bounds)
         if goes_on(views, surface, found):

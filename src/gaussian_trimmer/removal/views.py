@@ -65,7 +65,7 @@ class Sight(NamedTuple):
     points: Float64Array
     """The points of the scene that its pixels show, (H, W, 3)."""
     of_object: bool
-    """Whether it shows more than half of the object, rather than a wall before it."""
+    """Whether it shows half as much of the object as the best view does, rather than a wall before it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,15 +112,12 @@ class RemovalViews:
     @cached_property
     def sights(self) -> list[Sight]:
         """What each view shows of the object and of the rest."""
+        whole = np.array([alone.alpha.sum() for alone in self.alone])
+        shares = self.visible_in_view[:, self.of_object].sum(axis=(1, 2)) / np.maximum(whole, 1)
         return [
-            Sight(
-                camera,
-                silhouette,
-                _seen_points(camera, rendering),
-                bool(weights[self.of_object].sum() > HALF * alone.alpha.sum()),
-            )
-            for camera, silhouette, rendering, alone, weights in zip(
-                self.cameras, self.silhouettes, self.renderings, self.alone, self.visible_in_view, strict=True
+            Sight(camera, silhouette, _seen_points(camera, rendering), bool(share > HALF * shares.max()))
+            for camera, silhouette, rendering, share in zip(
+                self.cameras, self.silhouettes, self.renderings, shares, strict=True
             )
         ]
 
