@@ -23,7 +23,7 @@ def translucent_ball(n, logit):
 
 
 def test_a_trim_that_would_leave_little_is_refused_and_the_selection_returned():
-    scene, truth = translucent_ball(150, -1.4)
+    scene, truth = translucent_ball(300, -1.8)
     masks_alone = EvidenceConfig(prior=0.0)
     bold = small_config(split=WHOLE, evidence=masks_alone, acceptance=AcceptanceConfig(max_wrong=1.0))
     harmed = toy.trim_by(_silhouette, scene, truth, config=bold)

@@ -90,7 +90,7 @@ def test_pixels_that_a_png_cannot_hold_take_no_memory(tmp_path, monkeypatch):
     for colours in (0, 2, 3, 4, 6):
         (tmp_path / "a.png").write_bytes(png(1200, 1000, data=rows, colours=colours))
         with pytest.raises(InputError, match=r"a\.png' is not a picture"):
-            mask_of(camera(), tmp_path)
+            mask_of(camera(), tmp_path / "a.png")
 
 
 @pytest.mark.parametrize("size", [(30_000, 30_000), (60_000, 60_000)])
