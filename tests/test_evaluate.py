@@ -2,7 +2,9 @@
 
 import csv
 import json
+import shutil
 
+import cv2
 import numpy as np
 import pytest
 from command_line import SMALL, run, save_ball
@@ -61,6 +63,31 @@ def test_rules_are_named_and_photographs_bring_the_extraction_psnr(folder, capsy
     assert evaluate("object.ply", "--threshold", 0.9, "--images", "masks") == 0
     printed = capsys.readouterr().out
     assert r"alpha > 0.9" in printed and "occlusion counts" in printed and "extraction PSNR (dB)" in printed
+
+
+def test_latex_has_a_row_for_the_method(folder, capsys):
+    assert evaluate("object.ply", "--before", "rough.npy", "--format", "latex") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert r"method & rule & IoU (\%) & IoU + ours & IoU gain \\" in lines
+    assert [line.split(" & ")[:2] for line in lines if "$" in line and line[0] != "%"] == [
+        ["object", "alone"],
+        ["object", "in scene"],
+    ]
+    assert evaluate("truth.npy", "--format", "latex") == 0
+    assert r"method & rule & IoU (\%) \\" in capsys.readouterr().out
+
+
+def test_views_count_that_have_a_photograph_and_those_that_show_the_object(folder, capsys):
+    (folder / "photographs").mkdir()
+    for name in ("0.png", "1.png"):
+        shutil.copy(folder / "masks" / name, folder / "photographs")
+    cv2.imwrite("masks/1.png", np.zeros_like(cv2.imread("masks/1.png")))
+    assert evaluate("object.ply", "--images", "photographs", "--json") == 0
+    table = json.loads(capsys.readouterr().out)
+    assert [row["view"] for row in table["rows"]] == ["0.png", "1.png", "mean"]
+    shown, hidden, mean = table["rows"]
+    assert hidden["IoU (%)"] is None and mean["IoU (%)"] == shown["IoU (%)"] > 90
+    assert any("1 of these views show nothing" in note for note in table["notes"])
 
 
 def test_an_object_of_no_known_rows_is_measured_alone(folder, capsys):

@@ -46,7 +46,7 @@ def test_nvos_in_one_command(folder, capsys):
     assert float(tasks["mean"]["IoU alone (%) after"]) == pytest.approx(np.mean(alone), abs=1e-3)
     table = json.loads((folder / "out" / "nvos.json").read_text())
     assert [(row["method"], row["rule"]) for row in table["rows"]] == [("SAGA", "alone"), ("SAGA", "in scene")]
-    assert table["rows"][0]["IoU (%) after"] == pytest.approx(np.mean(alone), abs=1e-3)
+    assert table["rows"][0]["IoU + ours"] == pytest.approx(np.mean(alone), abs=1e-3)
     assert len(json.loads((folder / "out" / "runs.json").read_text())) == 3
 
 
@@ -57,7 +57,7 @@ def test_lerf_mask_takes_means_by_scene(folder, capsys):
     assert list(rows) == ["figurines/ball's rim", "figurines/red ball", "figurines, mean", "mean"]
     assert rows["figurines/red ball"]["views"] == "2"
     assert float(rows["mean"]["IoU alone (%) after"]) > 90
-    assert "boundary IoU (%) before" in (folder / "out" / "lerf-mask.csv").read_text()
+    assert "boundary IoU + ours" in (folder / "out" / "lerf-mask.csv").read_text()
     statistics = rows_of(folder / "out" / "lerf-mask-statistics.csv")
     assert statistics["grouping"]["scenes"] == "1"
     assert "1 tasks" not in capsys.readouterr().out

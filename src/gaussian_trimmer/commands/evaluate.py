@@ -36,6 +36,7 @@ from gaussian_trimmer.evaluation.metrics import (
     shared_pixels,
 )
 from gaussian_trimmer.evaluation.scoring import (
+    RULES,
     Cut,
     Judge,
     Scores,
@@ -51,6 +52,7 @@ from gaussian_trimmer.evaluation.tables import (
     heading,
     known_metrics,
     score_cells,
+    table_of_methods,
     write_tables,
 )
 from gaussian_trimmer.evaluation.trials import Run
@@ -202,13 +204,26 @@ def _measure(arguments: Namespace) -> Findings:
     for view in views:
         then = judge.score_views(before, [view])[0] if before else {}
         rows.append((clip_name(view.camera.name), then, judge.score_views(result, [view], scene)[0]))
+    if not any("iou" in now for _, _, now in rows):
+        raise InputError(
+            f"No mask in '{arguments.masks}' shows the object where pixels count; give masks in which it is bright."
+        )
+    hidden = sum("iou" not in now for _, _, now in rows)
     rows.append(("mean", mean_scores(then for _, then, _ in rows), mean_scores(now for _, _, now in rows)))
     metrics = known_metrics(rows[-1][2])
     cells = [[name, *score_cells(metrics, then or None, now)] for name, then, now in rows]
-    notes = [judge.describe(), _views(found, cameras, "mask") + _ignored(arguments), MADE_BY]
+    what = "mask and a picture" if arguments.images else "mask"
+    notes = [judge.describe(), _views(found, cameras, what) + _ignored(arguments), MADE_BY]
+    if hidden:
+        notes.append(f"{hidden} of these views show nothing of the object and count for the accuracy alone")
     if result.unknown:
         notes.append(f"without scores in scene and fidelity, which need the background: {result.unknown}")
-    return {"scores": ScoreTable(title, ["view", *map(heading, metrics)], cells, notes)}, (), {}
+    of_rules = {rule: [f"iou{ending}"] for rule, ending in RULES.items() if f"iou{ending}" in rows[-1][2]}
+    names = clip_name(arguments.scene.stem), clip_name(arguments.result.stem)
+    runs = [Run(*names, "", "", len(found), *rows[-1][1:], 0.0, "")]
+    for_papers = table_of_methods(title, {names[1]: runs}, of_rules, notes)
+    table = ScoreTable(title, ["view", *map(heading, metrics)], cells, notes, for_papers=for_papers)
+    return {"scores": table}, (), {}
 
 
 def _before(arguments: Namespace, result: Cut, scene: Gaussians) -> Cut | None:

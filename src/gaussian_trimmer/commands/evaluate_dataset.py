@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,8 +18,8 @@ from gaussian_trimmer.evaluation.tables import (
     MADE_BY,
     Cell,
     ScoreTable,
-    heading,
     score_cells,
+    table_of_methods,
     table_of_statistics,
     unit_scores,
 )
@@ -89,9 +89,12 @@ def _measure(arguments: Namespace) -> Findings:
         )
     tables = {f"{name}-{method}": table_of_tasks(layout, method, runs, notes) for method, runs in methods.items()}
     metrics = {rule: [name + RULES[rule] for name in ("iou", layout.second)] for rule in protocol.rules}
-    tables[name] = table_of_means(layout, methods, metrics, notes)
+    with_and_without = f"{layout.title} with and without trimming"
+    tables[name] = table_of_methods(with_and_without, methods, metrics, notes, layout.mean_over)
     if arguments.clip:
-        tables[f"{name}-clip"] = table_of_means(layout, methods, {"CLIP-IQA": list(PAIRS)}, notes)
+        tables[f"{name}-clip"] = table_of_methods(
+            with_and_without, methods, {"CLIP-IQA": list(PAIRS)}, notes, layout.mean_over
+        )
     title, listed = f"{layout.title}: how sure the means are", [name for own in metrics.values() for name in own]
     tables[f"{name}-statistics"] = table_of_statistics(title, methods, listed, notes, layout.mean_over)
     settings = {"protocol": arguments.protocol, "preset": arguments.preset}
@@ -140,19 +143,6 @@ def table_of_tasks(layout: Layout, method: str, runs: Sequence[Run], notes: Sequ
     rows.append(["mean", None, *score_cells(names, *_mean_of(layout, runs))])
     columns = ["task", "views", *(f"{METRICS[name]} {rule} (%)" for rule in RULES for name in metrics)]
     return ScoreTable(f"{layout.title}: {method} before -> after trimming", columns, rows, notes)
-
-
-def table_of_means(
-    layout: Layout, methods: Mapping[str, Sequence[Run]], metrics: Mapping[str, Sequence[str]], notes: Sequence[str]
-) -> ScoreTable:
-    """Return means of the methods, a row for each rule and method, with the metrics that a rule has."""
-    rows: list[list[Cell]] = [
-        [method, rule, *score_cells(names, *_mean_of(layout, runs))]
-        for method, runs in methods.items()
-        for rule, names in metrics.items()
-    ]
-    columns = ["method", "rule", *map(heading, next(iter(metrics.values())))]
-    return ScoreTable(f"{layout.title} with and without trimming", columns, rows, notes, digits=1)
 
 
 def _mean_of(layout: Layout, runs: Sequence[Run]) -> tuple[Scores, Scores]:

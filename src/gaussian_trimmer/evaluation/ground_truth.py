@@ -183,7 +183,7 @@ def views_in(
     images: Path | None = None,
     ignored: Sequence[Path] = (),
 ) -> tuple[list[Camera], Iterator[TestView]]:
-    """Return the cameras that have a mask, and their ground truth, read view by view.
+    """Return the cameras that have a mask, and a photograph if a folder is given; and their ground truth, view by view.
 
     Args:
         cameras: pinhole cameras with the names of their pictures.
@@ -192,17 +192,23 @@ def views_in(
         ignored: folders of masks of pixels that do not count; views without one count whole.
 
     Raises:
-        InputError: the folder has no mask of any camera, or a view has no photograph in `images`.
+        InputError: the folder has no mask of any camera, or `images` no photograph of any that has one.
     """
-    found = find_masks(cameras, masks)
+    found: list[tuple[Camera, Path, Path | None]] = [
+        (camera, path, None) for camera, path in find_masks(cameras, masks)
+    ]
     check_folders(images, *ignored)
+    if images:
+        pictures = {camera.name: picture_of(images, camera) for camera, _, _ in found}
+        if not any(pictures.values()):
+            raise InputError(f"'{images}' has no picture named like one of the {len(found)} cameras that have a mask.")
+        found = [(camera, path, image) for camera, path, _ in found if (image := pictures[camera.name])]
 
-    def view(camera: Camera, path: Path) -> TestView:
-        image = find_picture(images, camera) if images else None
+    def view(camera: Camera, path: Path, image: Path | None) -> TestView:
         others = [other for folder in ignored if (other := find_mask(folder, camera))]
         return view_of(camera, path, image, others)
 
-    return [camera for camera, _ in found], starmap(view, found)
+    return [camera for camera, *_ in found], starmap(view, found)
 
 
 def check_folders(*folders: Path | None) -> None:
@@ -212,16 +218,19 @@ def check_folders(*folders: Path | None) -> None:
             raise InputError(f"There is no folder '{folder}'.")
 
 
-def find_picture(folder: Path, camera: Camera) -> Path:
-    """Return the photograph of a camera in a folder: its own file, or one of the same name with another ending.
+def picture_of(folder: Path, camera: Camera) -> Path | None:
+    """Return the photograph of a camera in a folder: its own file, or one of the same name with another ending, if any.
 
     Raises:
-        InputError: there is none, or several.
+        InputError: there are several.
     """
     named = path_inside(folder, camera.name)
-    if named is not None and is_file(named):
-        return named
-    found = find_mask(folder, camera)
+    return named if named is not None and is_file(named) else find_mask(folder, camera)
+
+
+def find_picture(folder: Path, camera: Camera) -> Path:
+    """Return the photograph of a camera in a folder, see `picture_of`; InputError if there is none."""
+    found = picture_of(folder, camera)
     if found is None:
         raise InputError(
             f"'{folder}' has no picture named like the camera '{clip_name(camera.name)}', which has a mask."

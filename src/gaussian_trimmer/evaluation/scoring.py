@@ -100,7 +100,7 @@ class Judge:
         return scores
 
     def score(self, rgb: FloatArray, alpha: FloatArray, share: FloatArray | None, view: TestView) -> Scores:
-        """Return the metrics of one view of an object, without `fidelity`.
+        """Return the metrics of one view of an object, without `fidelity`; if it is not to be seen, only the accuracy.
 
         Args:
             rgb, alpha, share: as `draw` returns them; another size is brought to the mask's by the nearest pixel.
@@ -109,11 +109,13 @@ class Judge:
         shape = view.coverage.shape
         rgb, alpha = nearest(rgb, shape), nearest(alpha, shape)
         scores = self._silhouette_scores(alpha, view.coverage, view.counted)
-        scores["soft_iou"] = 100 * metrics.soft_iou(alpha, view.coverage, view.counted)
+        seen = "iou" in scores
+        if seen:
+            scores["soft_iou"] = 100 * metrics.soft_iou(alpha, view.coverage, view.counted)
         if share is not None:
             in_scene = self._silhouette_scores(nearest(share, shape), *view.in_scene)
             scores |= {name + RULES["in scene"]: value for name, value in in_scene.items()}
-        if view.image is not None:
+        if view.image is not None and seen:
             psnr = metrics.extraction_psnr(rgb, view.image, view.coverage, valid=view.picture_counted)
             scores["psnr"] = min(psnr, metrics.HIGHEST_PSNR)
         if self.looks is not None:
@@ -122,10 +124,13 @@ class Judge:
 
     def _silhouette_scores(self, silhouette: FloatArray, coverage: FloatArray, counted: BoolArray) -> Scores:
         compared = silhouette, coverage, counted
+        accuracy = 100 * metrics.pixel_accuracy(*compared, self.threshold)
+        if not ((coverage > metrics.THRESHOLD) & counted).any():
+            return {"accuracy": accuracy}
         iou = 100 * metrics.foreground_iou(*compared, self.threshold)
         return {
             "iou": iou,
-            "accuracy": 100 * metrics.pixel_accuracy(*compared, self.threshold),
+            "accuracy": accuracy,
             "boundary_iou": 100 * metrics.boundary_iou(*compared, self.threshold),
             "acc25": 100.0 * (iou > _ACC25_IOU),
         }

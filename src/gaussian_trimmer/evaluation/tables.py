@@ -50,11 +50,15 @@ class ScoreTable:
     notes: Sequence[str] = ()
     digits: int = 2
     """Decimals of numbers in Markdown and LaTeX; CSV and JSON have four."""
+    for_papers: ScoreTable | None = None
+    """What LaTeX shows in its place."""
 
     def text(self, format: str) -> str:
         """Return the table in one of the formats of `ENDINGS`."""
         if format in ("csv", "json"):
             return self._as_csv() if format == "csv" else json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n"
+        if format == "latex" and self.for_papers is not None:
+            return self.for_papers.text(format)
         cells = [[cell_text(cell, self.digits) for cell in row] for row in self.rows]
         return self._as_latex(cells) if format == "latex" else self._as_markdown(cells)
 
@@ -207,6 +211,39 @@ def interval_of(
         return mean, None, None
     half = float(stdtrit(n - 1, 0.975) * np.sqrt(n / (n - 1) * np.sum(summed**2)) / len(values))
     return mean, mean - half, mean + half
+
+
+def table_of_methods(
+    title: str,
+    methods: Mapping[str, Sequence[Run]],
+    metrics: Mapping[str, Sequence[str]],
+    notes: Sequence[str],
+    mean_over: MeanOver = "objects",
+) -> ScoreTable:
+    """Return a row for each method and rule, with the metrics of the rule: means, with the trim, and its gain.
+
+    A metric has one number where nothing is known before a trim. Intervals are those of `table_of_statistics`.
+    """
+    trimmed = any(run.before for runs in methods.values() for run in runs)
+    rows: list[list[Cell]] = []
+    for method, runs in methods.items():
+        units = unit_scores(runs, mean_over)
+        before, after = (mean_scores(pair[when] for pair in units.values()) for when in (0, 1))
+        for rule, names in metrics.items():
+            row: list[Cell] = [method, rule]
+            for name in names:
+                gains = {
+                    unit: now[name] - was[name] for unit, (was, now) in units.items() if name in was and name in now
+                }
+                captures = [unit.partition("/")[0] for unit in gains]
+                gain = interval_of(list(gains.values()), captures) if gains else None
+                row += [before.get(name), after.get(name), gain] if trimmed else [after.get(name)]
+            rows.append(row)
+    parts = [
+        [heading(name), f"{METRICS[name]} + ours", f"{METRICS[name]} gain"] for name in next(iter(metrics.values()))
+    ]
+    columns = ["method", "rule", *(column for part in parts for column in (part if trimmed else part[:1]))]
+    return ScoreTable(title, columns, rows, notes)
 
 
 def table_of_statistics(

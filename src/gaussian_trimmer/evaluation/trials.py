@@ -144,8 +144,15 @@ def measure(trial: Trial, ways: Mapping[str, Way], judge: Judge, *, fidelity: bo
         ways: ways of trimming, by name.
         judge: the rules of the comparison.
         fidelity: also compare object and background together with the untouched scene.
+
+    Raises:
+        InputError: no view shows the object.
     """
     before = mean_scores(judge.score_views(trial.before, trial.views))
+    if "iou" not in before:
+        raise InputError(
+            f"No mask of '{trial.scene}/{trial.object}' shows the object; give masks in which it is bright."
+        )
     for name, way in ways.items():
         start = time.perf_counter()
         result = way(trial)
