@@ -12,6 +12,7 @@ from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.planes import MIN_INLIERS, Plane, find_plane, floor_and_wall_directions
 from gaussian_trimmer.removal.surface_picture import goes_on
 from gaussian_trimmer.removal.views import THICKNESS_RADII, RemovalViews, Surface
+from gaussian_trimmer.views.view import HALF
 
 _REACH_RADII = 2.0
 """Distance from the object's centre within which surfaces are looked for, in object radii."""
@@ -23,6 +24,8 @@ _BIN_RADII = 0.02
 _MIN_SHARE = 0.12
 """Smallest share that a further surface must hold of what is seen around the object from before it: floors and walls of
 the benchmark's scenes hold 0.15 and more, other layers 0.09 and less."""
+_BAND = 3 * THICKNESS_RADII
+"""Half of the thickness of the layer of which a surface holds more than half: a cloud is as dense beside it."""
 _MIN_ABOVE = 0.9
 """Smallest share of the object's Gaussians that must lie on the surface's side."""
 _LEAST_RISE = 0.15
@@ -71,8 +74,8 @@ def find_surfaces(views: RemovalViews) -> list[Surface]:
     while len(directions) and len(found) < _MAX_SURFACES:
         plane, guess, _ = find_plane(points, directions, weights_at_the_end, _BIN_RADII, THICKNESS_RADII)
         weights, _ = weights_from_before(guess.normal)
-        share = weights @ (np.abs(plane.signed_distance(points)) < THICKNESS_RADII) / max(weights.sum(), 1e-9)
-        if found and share <= _MIN_SHARE:
+        layer, band = (weights @ (np.abs(plane.signed_distance(points)) < width) for width in (THICKNESS_RADII, _BAND))
+        if layer <= max(HALF * band, 0 if not found else _MIN_SHARE * weights.sum()):
             break
         surface = _surface(plane, bounds)
         if goes_on(views, surface, found):

@@ -112,10 +112,12 @@ class RemovalViews:
     @cached_property
     def sights(self) -> list[Sight]:
         """What each view shows of the object and of the rest."""
-        whole = np.array([alone.alpha.sum() for alone in self.alone])
-        shares = self.visible_in_view[:, self.of_object].sum(axis=(1, 2)) / np.maximum(whole, 1)
+        shares = [
+            float(rendering.weights[self.of_object].sum() / max(alone.alpha.sum(), 1))
+            for rendering, alone in zip(self.renderings, self.alone, strict=True)
+        ]
         return [
-            Sight(camera, silhouette, _seen_points(camera, rendering), bool(share > HALF * shares.max()))
+            Sight(camera, silhouette, _seen_points(camera, rendering), share > HALF * max(shares))
             for camera, silhouette, rendering, share in zip(
                 self.cameras, self.silhouettes, self.renderings, shares, strict=True
             )
