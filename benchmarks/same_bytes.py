@@ -27,13 +27,7 @@ TABLETOP = ["tabletop/robot/dilated", "tabletop/fern/eroded", "tabletop/mug/wobb
 SPARSE = ["sparse/bottle/dilated", "sparse/lantern/centre_vote", "touching/mug/eroded", "touching/books/wobbly"]
 WALLS = ["room/bookcase/exact", "room/drawers/dilated", "room/picture_one/eroded", "clutter/guitar/eroded"]
 PARTS = ["parts/robot_head/dilated", "flat/towel/exact"]
-OTHERS = [
-    "flower/flower/dilated",
-    "horns/left/exact",
-    "foliage/fern/dilated",
-    "parts/robot_head/dilated",
-    "flat/towel/exact",
-]
+OTHERS = ["flower/flower/dilated", "horns/left/exact", "foliage/fern/dilated"]
 WITHOUT_CAMERAS = ["scene0/bottle/dilated", "tabletop/robot/exact", "sparse/boombox/dilated", "room/drawers/exact"]
 SEVERAL = {"tabletop": ("robot", "mug", "fern"), "touching": ("mug", "books", "present")}
 FOUND = ["tabletop", "sparse"]
@@ -42,7 +36,7 @@ CLICKS = {"tabletop/robot": "", "scene0/bottle": "", "touching/banana": ""}
 
 def commands(root: Path, scratch: Path) -> Iterator[tuple[str, list[str]]]:
     """Yield the name and the arguments of each trim, without its output."""
-    for name in [*DENSE, *TABLETOP, *SPARSE, *WALLS, *OTHERS]:
+    for name in [*DENSE, *TABLETOP, *SPARSE, *WALLS, *PARTS, *OTHERS]:
         yield name, [*_trim(root, name), "--cameras", str(root / name.split("/")[0] / "cameras.json")]
     for name in WITHOUT_CAMERAS:
         copy = scratch / f"{name.split('/')[0]}.ply"

@@ -194,7 +194,7 @@ def _placed_primitives(document: Any) -> Iterator[tuple[Any, Float64Array]]:
     splats = [[part for part in mesh["primitives"] if EXTENSION in part.get("extensions", {})] for mesh in meshes]
     todo, seen = [(number, np.eye(4)) for number in sorted(roots)[::-1]], set()
     placed = False
-    while todo if any(splats) else False:
+    while todo and any(splats):
         number, above = todo.pop()
         if number in seen:
             raise ValueError(f"node {number} is in its scene twice")

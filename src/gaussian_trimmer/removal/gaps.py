@@ -15,18 +15,18 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians, concatenate, logit
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, concatenate
 from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.removal.inpainting import NEW_OPACITY, OVERLAP
+from gaussian_trimmer.removal.inpainting import made_up
 from gaussian_trimmer.removal.shift_map import inpaint_shift_map, shifted
-from gaussian_trimmer.removal.views import RemovalViews
+from gaussian_trimmer.removal.views import RemovalViews, points_at
 from gaussian_trimmer.rendering import Rendering, render
-from gaussian_trimmer.views.view import HALF, bounding_box, box_slices, clearly_nearer, grown
+from gaussian_trimmer.views.view import HALF, bounding_box, box_slices, clearly_nearer, grown, opened
 
 _RIM_PIXELS = 3
 """Pixels around a gap that go on, too: what is seen there is half open."""
-_SPECK = np.ones((3, 3), np.uint8)
-"""Gaps in which this does not fit are noise."""
+_SPECK_PIXELS = 1
+"""Gaps narrower than about twice this are noise."""
 _LINES = [(1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1)]
 """Steps along the lines, right and down, along which something is looked for on both sides of a gap."""
 _LEAST_OPACITY = 0.1
@@ -37,7 +37,7 @@ _SAME_DEPTH = 0.97
 """What is nearer than this, relative to what is seen, hides it."""
 
 
-class _Sight(NamedTuple):
+class _Behind(NamedTuple):
     """What one view shows of the object alone, and of the scene when it is gone."""
 
     camera: Camera
@@ -56,7 +56,7 @@ class _Sight(NamedTuple):
     @property
     def open(self) -> BoolArray:
         """Where nothing is seen behind the object, (H, W)."""
-        return _without_specks(self.silhouette & ~self.seen)
+        return opened(self.silhouette & ~self.seen, _SPECK_PIXELS)
 
     def gap(self, radius: float) -> tuple[BoolArray, BoolArray]:
         """Return which pixels are to be closed, and which are known to be behind the object, (H, W) each.
@@ -70,7 +70,7 @@ class _Sight(NamedTuple):
         outside = self.seen & ~hole
         nothing = ~self.seen & ~hole & ~self.silhouette
         goes_on = continued(outside.astype(np.float64), outside | nothing, hole) > HALF
-        closed = _without_specks(self.open & goes_on & _between(outside, hole))
+        closed = opened(self.open & goes_on & _between(outside, hole), _SPECK_PIXELS)
         return hole & grown(closed, _RIM_PIXELS), outside & behind
 
 
@@ -83,9 +83,9 @@ def close_gaps(views: RemovalViews, background: Gaussians) -> Gaussians:
     """
     new, target = background.select(slice(0)), views.gaussians.select(views.of_object)
 
-    def seen(scene: Gaussians) -> list[_Sight]:
+    def seen(scene: Gaussians) -> list[_Behind]:
         rests = parallel_map(lambda camera: render(scene, camera), views.observing)
-        return [_Sight(*sight) for sight in zip(views.observing, alone, rests, strict=True)]
+        return [_Behind(*sight) for sight in zip(views.observing, alone, rests, strict=True)]
 
     alone = list(parallel_map(lambda camera: render(target, camera), views.observing))
     sights = seen(background)
@@ -104,7 +104,7 @@ def close_gaps(views: RemovalViews, background: Gaussians) -> Gaussians:
     return new
 
 
-def _stays_open(sight: _Sight, background: Gaussians, views: RemovalViews) -> bool:
+def _stays_open(sight: _Behind, background: Gaussians, views: RemovalViews) -> bool:
     """Tell whether the rest of the scene leaves something open; no more than what is open without it is drawn."""
     still_open = sight.open
     if not views.beyond or not still_open.any():
@@ -112,34 +112,26 @@ def _stays_open(sight: _Sight, background: Gaussians, views: RemovalViews) -> bo
     box = bounding_box(still_open)
     part = sight.camera.part(*box)
     still_open[box_slices(box)] &= render(concatenate([background, views.beyond([part])]), part).alpha <= HALF
-    return bool(_without_specks(still_open).any())
+    return bool(opened(still_open, _SPECK_PIXELS).any())
 
 
-def _continued(sight: _Sight, hole: BoolArray, known: BoolArray, target: Gaussians) -> Gaussians:
+def _continued(sight: _Behind, hole: BoolArray, known: BoolArray, target: Gaussians) -> Gaussians:
     """Return a Gaussian for each pixel of a hole (H, W), in the colours and depths that go on from what is known."""
     camera, rest = sight.camera, sight.rest
     inverse_depth = np.divide(1, rest.depth, out=np.zeros(known.shape), where=known)
     inverse_depth = continued(inverse_depth, known, hole)
     hole = hole & (inverse_depth > 0)
     inverse_depth[hole] = np.minimum(inverse_depth, 1 / _farthest(target, sight))[hole]
-    depth = 1 / _blurred(inverse_depth, known | hole)[hole]
-    depth = np.maximum(depth, np.where(sight.seen, rest.depth, 0)[hole])
+    depth = np.zeros(hole.shape)
+    depth[hole] = 1 / _blurred(inverse_depth, known | hole)[hole]
+    depth = np.maximum(depth, np.where(sight.seen, rest.depth, 0))
     rgb = rest.rgb / np.where(sight.seen, rest.alpha, 1)[..., None]
     colour = inpaint_shift_map(np.clip(rgb, 0, 1), known, hole)[0][hole]
-    pixels = np.argwhere(hole)[:, ::-1] + 0.5
-    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(camera.K).T @ camera.rotation
-    n, widths = len(pixels), OVERLAP * depth / camera.K[0, 0]
-    return Gaussians(
-        (camera.centre + rays * depth[:, None]).astype(np.float32),
-        np.repeat(np.log(widths)[:, None], 3, axis=1).astype(np.float32),
-        np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
-        np.full(n, logit(np.array(NEW_OPACITY)), np.float32),
-        ((colour - 0.5) / SH_C0).astype(np.float32),
-        np.zeros((n, *target.sh_rest.shape[1:]), np.float32),
-    )
+    widths = np.repeat(depth[hole][:, None] / camera.K[0, 0], 3, axis=1)
+    return made_up(points_at(camera, depth)[hole], widths, np.array([[1, 0, 0, 0]]), colour, target.sh_rest.shape[2])
 
 
-def _contradicted(means: FloatArray, sights: Sequence[_Sight]) -> BoolArray:
+def _contradicted(means: FloatArray, sights: Sequence[_Behind]) -> BoolArray:
     """Return which points (N, 3) some view sees past, beside the object, (N,)."""
     past = np.zeros(len(means), np.bool_)
     for sight in sights:
@@ -151,7 +143,7 @@ def _contradicted(means: FloatArray, sights: Sequence[_Sight]) -> BoolArray:
     return past
 
 
-def _farthest(target: Gaussians, sight: _Sight) -> FloatArray:
+def _farthest(target: Gaussians, sight: _Behind) -> FloatArray:
     """Return how far back the object reaches in each pixel of a view, (H, W)."""
     pixels, depths = sight.camera.project(target.means.astype(np.float64))
     rows = np.flatnonzero(sight.camera.contains(pixels) & (target.opacities > _LEAST_OPACITY))
@@ -176,10 +168,6 @@ def _nearest(image: FloatArray, known: BoolArray) -> FloatArray:
 
     rows, columns = distance_transform_edt(~known, return_distances=False, return_indices=True)
     return np.asarray(image[rows, columns])
-
-
-def _without_specks(mask: BoolArray) -> BoolArray:
-    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, _SPECK) > 0)
 
 
 def _between(known: BoolArray, hole: BoolArray) -> BoolArray:

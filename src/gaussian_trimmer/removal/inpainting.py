@@ -6,9 +6,11 @@ Nobody has seen the surface there, so what is new is a guess: it continues what 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import (
     SH_C0,
@@ -34,9 +36,9 @@ _DEPTH_RADII, _HEIGHT_RADII = 0.6, 0.1
 """How far below and above the surface they lie, in object radii."""
 _SINK_RADII = 0.01
 """Depth of the new Gaussians below the surface: above it they would hide the object's foot."""
-OVERLAP, _FLATNESS = 0.75, 0.1
+_OVERLAP, _FLATNESS = 0.75, 0.1
 """Standard deviations of new Gaussians along and across the surface, in widths of the squares that they stand for."""
-NEW_OPACITY = 0.95
+_OPACITY = 0.95
 _SQUARES = (4, 2, 1)
 """Widths of these squares in pixels, the largest first."""
 _ALIKE = 0.02
@@ -105,14 +107,28 @@ def _new_gaussians(picture: SurfacePicture, hole: BoolArray, rgb: FloatArray, si
         parts.append((places, colours[whole].mean(axis=1), np.full(len(places), width / PIXELS_A_RADIUS)))
         left &= ~np.repeat(np.repeat(whole, width, axis=0), width, axis=1)
     coordinates, colour, widths = (np.concatenate(column) for column in zip(*parts, strict=True))
-    n = len(coordinates)
-    scales = widths[:, None] * surface.unit * np.array([OVERLAP, OVERLAP, OVERLAP * _FLATNESS])
+    widths = widths[:, None] * surface.unit * np.array([1, 1, _FLATNESS])
+    points, turn = surface.points(coordinates - [0, 0, sink]), quaternions_of(surface.axes.T[None])
+    return made_up(points, widths, turn, colour, rest)
+
+
+def made_up(points: Float64Array, widths: Float64Array, turn: NDArray[Any], rgb: FloatArray, rest: int) -> Gaussians:
+    """Return nearly opaque Gaussians that stand for squares beside each other.
+
+    Args:
+        points: centres, (N, 3).
+        widths: of the squares along the axes, in scene units, (N, 3).
+        turn: quaternion of all of them, (1, 4).
+        rgb: colours, the same from everywhere, (N, 3).
+        rest: number of higher harmonics of a channel.
+    """
+    n = len(points)
     return Gaussians(
-        surface.points(coordinates - [0, 0, sink]).astype(np.float32),
-        np.log(scales).astype(np.float32),
-        np.tile(quaternions_of(surface.axes.T[None]), (n, 1)),
-        np.full(n, logit(np.array(NEW_OPACITY)), np.float32),
-        ((colour - 0.5) / SH_C0).astype(np.float32),
+        points.astype(np.float32),
+        np.log(_OVERLAP * widths).astype(np.float32),
+        np.tile(turn.astype(np.float32), (n, 1)),
+        np.full(n, logit(np.array(_OPACITY)), np.float32),
+        ((rgb - 0.5) / SH_C0).astype(np.float32),
         np.zeros((n, 3, rest), np.float32),
     )
 

@@ -13,7 +13,7 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntA
 from gaussian_trimmer.removal.views import THICKNESS_RADII, RemovalViews, Sight, Surface, above_all
 from gaussian_trimmer.rendering import blend_values
 from gaussian_trimmer.rendering.blending import view_colours
-from gaussian_trimmer.views.view import HALF, grown
+from gaussian_trimmer.views.view import HALF, grown, opened
 
 PIXELS_A_RADIUS = 64
 _HALF_WIDTH_RADII = 2.0
@@ -93,14 +93,16 @@ def look_at(
             height = other.heights(surface.points(coordinates.reshape(-1, 3))).reshape(size, size)
             before &= height > 0
             clear &= height > THICKNESS_RADII
-    empty = _opened((through > seen) & (through >= _MIN_VIEWS_THROUGH))
+    empty = opened((through > seen) & (through >= _MIN_VIEWS_THROUGH), _SPECK_PIXELS)
     empty &= ~_seen_through_the_object(empty, picture, views)
     known = seen >= np.maximum(through, 1)
     if drawn is not None:
         known &= drawn
     hole = before & ~known & ~empty & (by_object > 0) & (by_object >= by_others)
     hole |= before & ~empty & _foot(picture, views)
-    return replace(picture, known=known & clear, empty=empty, hole=_at_the_object(_opened(hole), picture, views))
+    return replace(
+        picture, known=known & clear, empty=empty, hole=_at_the_object(opened(hole, _SPECK_PIXELS), picture, views)
+    )
 
 
 def take_picture(
@@ -202,11 +204,6 @@ def _from_above(
     return np.asarray(np.clip(image[..., :3] / np.maximum(image[..., 3:], _FAINT), 0, 1)), np.asarray(image[..., 3])
 
 
-def _opened(mask: BoolArray) -> BoolArray:
-    square = np.ones((2 * _SPECK_PIXELS + 1,) * 2, np.uint8)
-    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, square) > 0)
-
-
 def _seen_through_the_object(empty: BoolArray, picture: SurfacePicture, views: RemovalViews) -> BoolArray:
     """Return the connected parts of what is empty that come near to the object and do not reach the picture's edge.
 
@@ -220,20 +217,21 @@ def _seen_through_the_object(empty: BoolArray, picture: SurfacePicture, views: R
 
 def _near_the_object(picture: SurfacePicture, views: RemovalViews) -> BoolArray:
     """Return where the object is as it is seen from above, and a little around it, (P, P)."""
-    pixels, inside = picture.pixels_of(views.gaussians.means[views.of_object])
-    below = np.zeros_like(picture.hole)
-    below[tuple(pixels[:, inside])] = True
-    return grown(below, round(_REACH_RADII * PIXELS_A_RADIUS))
+    return _shown(picture, views.gaussians.means[views.of_object], round(_REACH_RADII * PIXELS_A_RADIUS))
 
 
 def _foot(picture: SurfacePicture, views: RemovalViews) -> BoolArray:
     """Return where the object touches the surface, and a little around, (P, P)."""
     means = views.gaussians.means[views.of_object]
-    pixels, inside = picture.pixels_of(means)
-    inside &= np.abs(picture.surface.heights(means)) < _REACH_RADII
-    foot = np.zeros_like(picture.hole)
-    foot[tuple(pixels[:, inside])] = True
-    return grown(foot, _FOOT_PIXELS)
+    return _shown(picture, means[np.abs(picture.surface.heights(means)) < _REACH_RADII], _FOOT_PIXELS)
+
+
+def _shown(picture: SurfacePicture, points: FloatArray, margin: int) -> BoolArray:
+    """Return where points (N, 3) are as they are seen from above, and so many pixels around them, (P, P)."""
+    pixels, inside = picture.pixels_of(points)
+    there = np.zeros_like(picture.hole)
+    there[tuple(pixels[:, inside])] = True
+    return grown(there, margin)
 
 
 def _at_the_object(hole: BoolArray, picture: SurfacePicture, views: RemovalViews) -> BoolArray:

@@ -117,9 +117,13 @@ class RemovalViews:
             for rendering, alone in zip(self.renderings, self.alone, strict=True)
         ]
         return [
-            Sight(camera, silhouette, _seen_points(camera, rendering), share > HALF * max(shares))
-            for camera, silhouette, rendering, share in zip(
-                self.cameras, self.silhouettes, self.renderings, shares, strict=True
+            Sight(camera, silhouette, points_at(camera, np.where(seen.alpha > HALF, seen.depth, _FAR)), most)
+            for camera, silhouette, seen, most in zip(
+                self.cameras,
+                self.silhouettes,
+                self.renderings,
+                [share > HALF * max(shares) for share in shares],
+                strict=True,
             )
         ]
 
@@ -149,8 +153,8 @@ class RemovalViews:
         return list(parallel_map(lambda camera, mask: render(part, camera, mask=mask), self.cameras, masks))
 
 
-def _seen_points(camera: Camera, rendering: Rendering) -> Float64Array:
-    """Return the points of the scene that the pixels of a view show, far away where they show nothing, (H, W, 3)."""
-    y, x = np.indices(rendering.alpha.shape) + 0.5
+def points_at(camera: Camera, depth: FloatArray | Float64Array) -> Float64Array:
+    """Return the points of the scene that the pixels of a view show at given depths (H, W), (H, W, 3)."""
+    y, x = np.indices(depth.shape) + 0.5
     rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T @ camera.rotation
-    return np.asarray(camera.centre + rays * np.where(rendering.alpha > HALF, rendering.depth, _FAR)[..., None])
+    return np.asarray(camera.centre + rays * depth[..., None])

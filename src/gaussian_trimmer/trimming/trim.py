@@ -226,7 +226,7 @@ def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) ->
     target = crop.local.select(of_crop == number)
     bounds = robust_bounds(target, own_frame(target, crop.bounds.axes[2]))
     size = setup.config.refinement.size
-    around, above = (views_of_place(bounds, size, above) for above in (False, True))
+    around, above = (views_of_place(bounds, size, steep) for steep in (False, True))
     observing = [camera.resized(min(1, size / max(camera.width, camera.height))) for camera in crop.cameras]
 
     def beyond(cameras: Sequence[Camera]) -> Gaussians:

@@ -148,6 +148,12 @@ def grown(mask: BoolArray, radius: int) -> BoolArray:
     return np.asarray(cv2.dilate(mask.astype(np.uint8), disc) > 0)
 
 
+def opened(mask: BoolArray, radius: int) -> BoolArray:
+    """Return a mask (H, W) without what a square that reaches some pixels to all sides does not fit into."""
+    square = np.ones((2 * radius + 1,) * 2, np.uint8)
+    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, square) > 0)
+
+
 def bounding_box(mask: BoolArray, margin: int = 0) -> Box:
     """Bounding box of a mask (H, W), widened by `margin` pixels within the image; the whole image for an empty mask.
 
