@@ -8,14 +8,13 @@ import time
 from argparse import Namespace
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
-from gaussian_trimmer.commands.arguments import add_scene, add_trimming
+from gaussian_trimmer.commands.arguments import add_scene, add_trimming, config_of
 from gaussian_trimmer.commands.console import console_of, in_lengths, print_json, print_up, progress_over_stages
 from gaussian_trimmer.commands.manifest import FOUND_OBJECTS, write_table
-from gaussian_trimmer.commands.trim_run import add_results, read_scene, scene_name, trim_into, words_again
+from gaussian_trimmer.commands.trim_run import Request, add_results, read_scene, scene_name, trim_into, words_again
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.found import FindConfig, FoundObjects, chosen_objects
@@ -108,18 +107,13 @@ def run(arguments: Namespace) -> int:
     chosen = chosen_objects(found, keep=keep, merge=merge, split=arguments.split_objects, names=names)
     numbered = all(name.isdigit() for name in chosen)  # then objects keep their numbers
     objects = {int(name) if numbered else name: rows for name, rows in chosen.items()}
-    labels = None if edited else folder / "objects.npy"
-
-    def command(up: Any) -> list[str]:
-        if labels is None:  # what was merged, split or named is in no file
-            return words_again("objects", arguments)
-        return words_again("trim", arguments, labels=labels, objects=tuple(objects), up=up)
-
-    return trim_into(
-        arguments.trim, arguments, console, lambda: (scene, cameras, objects, up, None), command=command,
-        files=[scene_file], inputs={"scene": scene_file, "labels": labels, "cameras": arguments.cameras},
-        overwrite=arguments.overwrite,
-    )  # fmt: skip
+    labels, known_up = None if edited else folder / "objects.npy", config_of(arguments).up or up.for_trims()
+    words = words_again("objects", arguments)  # what was merged, split or named is in no file
+    if labels is not None:
+        words = words_again("trim", arguments, labels=labels, objects=tuple(objects), up=known_up)
+    inputs = {"scene": scene_file, "labels": labels, "cameras": arguments.cameras}
+    request = Request(scene, cameras, objects, words, inputs, up=known_up)
+    return trim_into(arguments.trim, arguments, console, lambda: request, files=[scene_file])
 
 
 def _batch_row(arguments: Namespace, numbers: list[str], folder: Path, up: UpVector) -> dict[str, str]:

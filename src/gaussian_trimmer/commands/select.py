@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from argparse import Namespace
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,11 +13,11 @@ import numpy as np
 from rich.console import Console
 
 from gaussian_trimmer.cameras import CameraSet, Viewpoint, up_frame
-from gaussian_trimmer.commands.arguments import add_marks, add_scene, add_trimming, mark_files, marks_of
+from gaussian_trimmer.commands.arguments import add_marks, add_scene, add_trimming, config_of, mark_files, marks_of
 from gaussian_trimmer.commands.console import console_of, in_lengths, print_json, print_up, refuse_existing
 from gaussian_trimmer.commands.trim_run import (
     MARKS,
-    Selected,
+    Request,
     add_results,
     read_scene,
     scene_name,
@@ -97,25 +98,21 @@ def run(arguments: Namespace) -> int:
         _write_views(arguments, console)
         return 0
     if (folder := arguments.trim) is not None:
-        used = (arguments.sam,)
-        given = [file for file in (arguments.scene, path, arguments.cameras, *used) if isinstance(file, Path)]
-        marks = folder / MARKS
-        return trim_into(
-            folder, arguments, console, lambda: _select(arguments, path, console), files=given,
-            command=lambda up: words_again("trim", arguments, selection=marks, in_order=(), up=up),
-            inputs={"scene": arguments.scene, "selection": path, "cameras": arguments.cameras}, source=path,
-            overwrite=arguments.overwrite or is_made_of(folder, path),
-        )  # fmt: skip
-    scene, _, selections, *_ = _select(arguments, path, console)
-    selection = selections[THE_OBJECT]
-    console.print(f"Now: {shlex.join([PROGRAM, *_next_words(arguments, path, selection.marks)])}")
+        given = [file for file in (arguments.scene, path, arguments.cameras, arguments.sam) if isinstance(file, Path)]
+        arguments.overwrite = arguments.overwrite or is_made_of(folder, path)
+        read = partial(_select, arguments, path, console)
+        return trim_into(folder, arguments, console, read, files=given, source=path)
+    request = _select(arguments, path, console)
+    selection, scene = request.objects[THE_OBJECT], request.scene
+    console.print(f"Now: {shlex.join([PROGRAM, *request.command])}")
     counts = {"selected": int(np.count_nonzero(selection.mask)), "scene": len(scene)}
     print_json(arguments, {"selection": str(path), "counts": counts})
     return 0
 
 
-def _select(arguments: Namespace, path: Path, console: Console) -> Selected:
+def _select(arguments: Namespace, path: Path, console: Console) -> Request:
     """Make the selection and save it; return it, and what it was made from."""
+    inputs = {"scene": arguments.scene, "selection": path, "cameras": arguments.cameras}
     scene, cameras = read_scene(arguments, console)
     if arguments.object_ids:
         labels, n_masks = lift_folder(scene, cameras, arguments.masks, arguments.gamma, ids=True)
@@ -123,7 +120,7 @@ def _select(arguments: Namespace, path: Path, console: Console) -> Selected:
             raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
         write_whole(path, npy_bytes(labels))
         console.print(f"{path}: {np.count_nonzero(labels):,} of {len(scene):,} Gaussians, {n_masks} masks")
-        return scene, cameras, {THE_OBJECT: Selection(labels != 0)}, None, None
+        return Request(scene, cameras, {THE_OBJECT: Selection(labels != 0)}, _next_words(arguments, path), inputs)
     up = find_up(scene, cameras, arguments.up)
     print_up(console, up)
     made = select(scene, _resolved(arguments, scene, cameras, up), cameras=cameras)
@@ -132,7 +129,9 @@ def _select(arguments: Namespace, path: Path, console: Console) -> Selected:
     size, understood = in_lengths(np.ptp(ends, axis=0)), ", ".join(made.interpretations)
     count = f"{np.count_nonzero(made.mask):,} of {len(scene):,} Gaussians"
     console.print(f"{path}: {count}, {size}, {understood}")
-    return scene, cameras, {THE_OBJECT: made}, up, None
+    known_up = config_of(arguments).up or up.for_trims()
+    words = _next_words(arguments, path, made.marks, known_up)
+    return Request(scene, cameras, {THE_OBJECT: made}, words, inputs, made.marks, known_up)
 
 
 def _resolved(arguments: Namespace, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Marks:
@@ -212,8 +211,10 @@ def _write_views(arguments: Namespace, console: Console) -> None:
     console.print(f"To mark: {shlex.join(words)} --view-index N --click X Y")
 
 
-def _next_words(arguments: Namespace, path: Path, marks: Marks | None) -> list[str]:
-    """Return the words of the command that trims the selection."""
+def _next_words(arguments: Namespace, path: Path, marks: Marks | None = None, up: Any = None) -> list[str]:
+    """Return the words of the command that trims the selection, again if it is trimmed now."""
+    if arguments.trim is not None:
+        return words_again("trim", arguments, selection=arguments.trim / MARKS, in_order=(), up=up)
     file = path.with_suffix(".json") if marks is not None and marks.exclude else path
     what = {"labels": file} if arguments.object_ids else {"selection": file}
     return words_again("trim", arguments, in_order=(), **what)

@@ -7,6 +7,7 @@ import shlex
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -29,7 +30,7 @@ from gaussian_trimmer.commands.arguments import (
 from gaussian_trimmer.commands.console import console_of, open_console
 from gaussian_trimmer.commands.trim_run import (
     NOT_REPEATED,
-    Selected,
+    Request,
     add_results,
     read_scene,
     scene_name,
@@ -112,17 +113,10 @@ def run(arguments: Namespace, read: ReadScene | None = None, note: Mapping[str, 
     console, given, folder = console_of(arguments), arguments.scene, folder_of(arguments)
     arguments.scene = scene_of(arguments)
     check(arguments)
-    return trim_into(
-        folder,
-        arguments,
-        console,
-        lambda: _read(arguments, console, read),
-        command=lambda _: words_again("trim", arguments, scene=given),
-        files=list(files_of(arguments)),
-        inputs={name: getattr(arguments, name) for name in ("scene", "selection", "labels", "cameras")} | dict(note),
-        overwrite=arguments.overwrite,
-        source=arguments.selection,
-    )
+    inputs = {name: getattr(arguments, name) for name in ("scene", "selection", "labels", "cameras")} | dict(note)
+    words = words_again("trim", arguments, scene=given)
+    wanted = partial(_read, arguments, console, read, words, inputs)
+    return trim_into(folder, arguments, console, wanted, files=list(files_of(arguments)), source=arguments.selection)
 
 
 def _is_word(value: object) -> bool:
@@ -197,7 +191,9 @@ def check(arguments: Namespace) -> None:
         raise InputError("--masks is for one object; give --labels a folder of masks whose pixels are ids.")
 
 
-def _read(arguments: Namespace, console: Console, read: ReadScene | None) -> Selected:
+def _read(
+    arguments: Namespace, console: Console, read: ReadScene | None, words: list[str], inputs: Mapping[str, Any]
+) -> Request:
     """Return the scene and what is selected in it, without what --exclude names."""
     scene, cameras = read_scene(arguments, console, read)
     others = np.zeros(len(scene), np.bool_)
@@ -209,12 +205,13 @@ def _read(arguments: Namespace, console: Console, read: ReadScene | None) -> Sel
         mask = selection.mask & ~others
         if not mask.any():
             raise InputError(lost.format("the selection"))
-        return scene, cameras, {THE_OBJECT: replace(selection, mask=mask)}, None, others
+        selected = {THE_OBJECT: replace(selection, mask=mask)}
+        return Request(scene, cameras, selected, words, inputs, selection.marks, excluded=others)
     labels = _labelled(arguments, scene, cameras)
     left = np.where(others, 0, labels)
     for number in np.setdiff1d(labels, left):
         raise InputError(lost.format(f"object {number}"))
-    return scene, cameras, left, None, others
+    return Request(scene, cameras, left, words, inputs, excluded=others)
 
 
 def _selected(arguments: Namespace, scene: Gaussians, cameras: CameraSet | None, console: Console) -> Selection:

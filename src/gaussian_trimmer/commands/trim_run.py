@@ -6,7 +6,8 @@ import re
 import time
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,17 +35,13 @@ from gaussian_trimmer.masks.sam import draw_masks
 from gaussian_trimmer.output.report import describe, sentences
 from gaussian_trimmer.output.saving import PAGE, PICTURE, RESULTS, result_files, write_trim
 from gaussian_trimmer.parser import Parser
-from gaussian_trimmer.selecting.marks import Click, write_marks
-from gaussian_trimmer.selecting.selection import Selection
+from gaussian_trimmer.selecting.marks import Click, Marks, write_marks
+from gaussian_trimmer.settings import Vector
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
-from gaussian_trimmer.trimming.config import TrimConfig
+from gaussian_trimmer.trimming.clock import Progress
 from gaussian_trimmer.trimming.result import THE_OBJECT, TrimResult, title_of
 from gaussian_trimmer.trimming.trim import trim_objects
-from gaussian_trimmer.trimming.up_vector import UpVector
 
-Selected = tuple[Gaussians, CameraSet | None, Any, UpVector | None, BoolArray | None]
-"""What a trim begins with: scene, cameras, objects as `trim_objects` takes them, the up vector of the whole scene if it
-was looked for (if it is sure, no object searches for its own), and which Gaussians join no object, (N,)."""
 NOTHING_TRIMMED = 3
 """Exit code where the inputs could be read, but the selections were written unchanged."""
 MARKS = "selection.json"
@@ -53,6 +50,26 @@ NOT_REPEATED = ("output", "overwrite", "quiet", "json", "log_level", "config_fil
 _LISTED = 4
 _NAMES_OF_ALL = re.compile(r"scene|splats?|point_cloud|iteration_\d+|meta|lod-meta|output", re.IGNORECASE)
 """What trainings and converters call every scene's file, and the folders around it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """What is to be trimmed, after it was read."""
+
+    scene: Gaussians
+    cameras: CameraSet | None
+    objects: Any
+    """As `trim_objects` takes them."""
+    command: Sequence[str]
+    """Words of the command that makes the same trim."""
+    inputs: Mapping[str, Any]
+    """What the report says of what the trim is made from."""
+    marks: Marks | None = None
+    """The marks that selected the one object, if that is what did."""
+    up: Vector | None = None
+    """The up vector of the whole scene, if it is sure: no object searches for its own then."""
+    excluded: BoolArray | None = None
+    """Which Gaussians join no object, (N,)."""
 
 
 def add_results(parser: Parser, output: str, help: str) -> Any:
@@ -101,12 +118,9 @@ def trim_into(
     folder: Path,
     arguments: Namespace,
     console: Console,
-    read: Callable[[], Selected],
+    read: Callable[[], Request],
     *,
-    command: Callable[[Any], list[str]],
     files: Sequence[Path],
-    inputs: Mapping[str, Any],
-    overwrite: bool = False,
     source: Path | None = None,
 ) -> int:
     """Trim and write the results; return the exit code, 3 where nothing was trimmed.
@@ -115,70 +129,44 @@ def trim_into(
         folder: for the results.
         arguments: how to trim.
         console: where to say what becomes of it.
-        read: gives the rough objects; called once the folder for the results can be used.
-        command: gives the words of the command that makes the same trim, for an up vector.
+        read: reads what is to be trimmed; called once the folder for the results can be used.
         files: files, and folders of masks, that are read, and that results may not replace.
-        inputs: files, and what else the report says of what the trim is made from.
-        overwrite: replace earlier results.
-        source: the file that the results are made of, for the manifest.
+        source: the file that holds the one object, for the manifest.
 
     Raises:
         InputError: something that the user gave cannot be used; nothing has been written then.
     """
-    start, suffix, placing = time.perf_counter(), suffix_for(arguments), placing_of(arguments)
-    names = (*result_files(suffix, html=arguments.html), MARKS, *placing.patterns(suffix))
-    opened = atomic_folder(folder, RESULTS, names=names, inputs=files, source=source, overwrite=overwrite)
-    with opened as part, progress_over_stages(console) as stage:
+    start = time.perf_counter()
+    with _begin(folder, arguments, files, source) as part, progress_over_stages(console) as stage:
         stage("read")
-        scene, cameras, objects, up, excluded = read()
-        one = objects.get(THE_OBJECT) if isinstance(objects, Mapping) else None
-        marks = one.marks if isinstance(one, Selection) else None
-        clicked = marks is not None and all(isinstance(mark, Click) for mark in marks.marks)
-        if isinstance(one, Selection) and source and not clicked:  # a click means what is seen there, also if it is all
-            refuse_whole_scene(one.mask, source, str(arguments.scene))
+        request = read()
+        clicked = request.marks is not None and all(isinstance(mark, Click) for mark in request.marks.marks)
+        if source is not None and not clicked:  # a click means what is seen there, also if it is all
+            refuse_whole_scene(request.objects[THE_OBJECT].mask, source, str(arguments.scene))
         seconds = {"read": time.perf_counter() - start}
-        config = config_of(arguments)
-        if up is not None and config.up is None:  # neither the user nor cameras tell it
-            config = replace(config, up=up.for_trims())
-        result = _trim(arguments, config, scene, cameras, objects, excluded, stage, console)
+        announce_compiling(console)
+        result = _trim(request, arguments, stage)
         stage("write")
-        named = {name: str(value) if isinstance(value, Path) else value for name, value in inputs.items()}
-        report = describe(result, named, seconds, suffix) | {"command": command(config.up)}
-        if marks is not None:
-            write_marks(marks, part / MARKS)
-        background = arguments.write_background
-        write_trim(result, report, part, suffix, background=background, html=arguments.html)
-        placed = placing.write(result, part, suffix, background=background) if placing.wished else []
-        said = [placing.sentence(placed, result.objects[0].up)] if placing.wished else []
-        own = arguments.scene.name
-        same = arguments.format is None or formats.is_named(own, suffix)
-        said.append(formats.losses(scene, suffix, suffix if same else Path(own).suffix.lower()))
-    titles = [title_of(entry["name"]) for entry in report["objects"]]
-    for title, sentence in zip([*titles, "background"], sentences(report), strict=True):
-        console.print(f"{title}: {sentence}")
-    written = [entry["file"] for entry in report["objects"] if entry["file"]]
-    written = written if len(written) <= _LISTED else [f"{written[0]} to {written[-1]}"]
-    written += [f"background{suffix}"] if background and report["counts"]["background"] else []
-    written.append(PAGE if arguments.html else PICTURE)
-    console.print(f"{', '.join(written)} and the rest are in {folder}. {time.perf_counter() - start:.1f} s.")
-    for sentence in filter(None, said):
-        console.print(sentence)
-    print_warnings(report)
+        report, notes = _write(result, request, arguments, part, seconds)
+    written = _written(report, arguments)
+    _say(report, [f"{written} are in {folder}. {time.perf_counter() - start:.1f} s.", *notes], console)
     print_json(arguments, report, (folder, RESULTS))
     return NOTHING_TRIMMED if all(entry["refused"] for entry in report["objects"]) else 0
 
 
-def _trim(
-    arguments: Namespace,
-    config: TrimConfig,
-    scene: Gaussians,
-    cameras: CameraSet | None,
-    objects: Any,
-    excluded: BoolArray | None,
-    stage: Callable[[str], None],
-    console: Console,
-) -> TrimResult:
-    announce_compiling(console)
+def _begin(
+    folder: Path, arguments: Namespace, files: Sequence[Path], source: Path | None
+) -> AbstractContextManager[Path]:
+    """Return the folder to write to, once it is sure that the results can take their places."""
+    suffix = suffix_for(arguments)
+    names = (*result_files(suffix, html=arguments.html), MARKS, *placing_of(arguments).patterns(suffix))
+    return atomic_folder(folder, RESULTS, names=names, inputs=files, source=source, overwrite=arguments.overwrite)
+
+
+def _trim(request: Request, arguments: Namespace, stage: Progress) -> TrimResult:
+    """Trim, with masks from files or of a model if they were asked for."""
+    scene, objects, cameras, excluded = request.scene, request.objects, request.cameras, request.excluded
+    config = config_of(arguments) if request.up is None else replace(config_of(arguments), up=request.up)
     folder, sam, paper = getattr(arguments, "own_masks", None), arguments.sam, arguments.preset == "paper"
     masks = None if folder is None else read_masks(folder, cameras)
     labels = isinstance(objects, np.ndarray)
@@ -191,3 +179,40 @@ def _trim(
             scene, selection, sam=sam, paper=paper, progress=stage, config=config, cameras=cameras, excluded=excluded
         )
     return trim_objects(scene, objects, config=config, masks=masks, cameras=cameras, excluded=excluded, progress=stage)
+
+
+def _write(
+    result: TrimResult, request: Request, arguments: Namespace, folder: Path, seconds: Mapping[str, float]
+) -> tuple[dict[str, Any], list[str]]:
+    """Write the results to a folder; return the report, and sentences about the files."""
+    suffix, placing, background = suffix_for(arguments), placing_of(arguments), arguments.write_background
+    named = {name: str(value) if isinstance(value, Path) else value for name, value in request.inputs.items()}
+    report = describe(result, named, seconds, suffix) | {"command": request.command}
+    if request.marks is not None:
+        write_marks(request.marks, folder / MARKS)
+    write_trim(result, report, folder, suffix, background=background, html=arguments.html)
+    placed = placing.write(result, folder, suffix, background=background) if placing.wished else []
+    notes = [placing.sentence(placed, result.objects[0].up)] if placing.wished else []
+    own = arguments.scene.name
+    same = arguments.format is None or formats.is_named(own, suffix)
+    notes.append(formats.losses(result.scene, suffix, suffix if same else Path(own).suffix.lower()))
+    return report, notes
+
+
+def _written(report: Mapping[str, Any], arguments: Namespace) -> str:
+    """Return the names of the most important files, and that there are others."""
+    names = [entry["file"] for entry in report["objects"] if entry["file"]]
+    names = names if len(names) <= _LISTED else [f"{names[0]} to {names[-1]}"]
+    if arguments.write_background and report["counts"]["background"]:
+        names.append(f"background{suffix_for(arguments)}")
+    return f"{', '.join([*names, PAGE if arguments.html else PICTURE])} and the rest"
+
+
+def _say(report: Mapping[str, Any], notes: Sequence[str], console: Console) -> None:
+    """Say what became of each object and of the background, then some notes, then what may be wrong."""
+    titles = [title_of(entry["name"]) for entry in report["objects"]]
+    for title, sentence in zip([*titles, "background"], sentences(report), strict=True):
+        console.print(f"{title}: {sentence}")
+    for note in filter(None, notes):
+        console.print(note)
+    print_warnings(report)
