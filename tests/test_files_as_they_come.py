@@ -229,19 +229,20 @@ def test_several_objects_are_also_one_glb_with_a_node_each(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("comments", "antialiased"),
+    ("comments", "model"),
     [
-        (["SplatRenderMode: mip"], True),
-        (["antialiased 1"], True),
-        (["antialiased 1", "SplatRenderMode: default"], False),
-        ([], False),
+        (["SplatRenderMode: mip"], "antialiased"),
+        (["antialiased 1"], "antialiased"),
+        (["antialiased 1", "SplatRenderMode: default"], "default"),
+        (["SplatRenderMode: 2dgs"], "2dgs"),
+        ([], "default"),
     ],
 )
 @pytest.mark.parametrize("suffix", [".ply", ".compressed.ply", ".spz", ".sog", ".splat", ".glb"])
-def test_that_gaussians_are_antialiased_is_carried_or_said_to_be_lost(tmp_path, comments, antialiased, suffix):
+def test_what_gaussians_were_trained_as_is_carried_or_said_to_be_lost(tmp_path, comments, model, suffix):
     scene = formats.read(write_ply(tmp_path / "a.ply", columns(sample(N, 1)), comments=comments))
-    assert scene.antialiased == scene.select(slice(3)).antialiased == antialiased
+    assert scene.model == scene.select(slice(3)).model == model
     formats.write_selected(scene, np.arange(N), scene.select(slice(2)), tmp_path / f"b{suffix}")
-    lost = "antialiased" in formats.losses(scene, suffix, ".ply")
-    assert lost == (antialiased and suffix in (".splat", ".glb"))
-    assert formats.read(tmp_path / f"b{suffix}").antialiased == (antialiased and not lost)
+    lost = f"Gaussians are {model}" in formats.losses(scene, suffix, ".ply")
+    assert lost == (suffix in {"antialiased": (".splat", ".glb"), "2dgs": (".splat", ".glb", ".spz")}.get(model, ()))
+    assert formats.read(tmp_path / f"b{suffix}").model == ("default" if lost else model)

@@ -9,7 +9,7 @@ import reference
 from scenes import front_camera, random_scene
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
-from gaussian_trimmer.gaussians import FloatArray, Gaussians, quaternions_of, rotation_matrices
+from gaussian_trimmer.gaussians import FloatArray, Gaussians, SplatModel, quaternions_of, rotation_matrices
 from gaussian_trimmer.rendering import gradient_kernels
 from gaussian_trimmer.rendering.gradients import compile_kernels, draw, draw_with, gradients, loss_gradient
 
@@ -69,16 +69,16 @@ def _loss(gaussians: Gaussians, camera: Camera, slopes: FloatArray) -> float:
     return float((view.rgb.transpose(2, 0, 1) * slopes[:3]).sum(dtype=np.float64) + (view.alpha * slopes[3]).sum())
 
 
-@pytest.mark.parametrize("antialiased", [False, True])
+@pytest.mark.parametrize("model", ["default", "antialiased"])
 @pytest.mark.parametrize("parameter", range(13), ids=_NAMES)
 def test_derivatives_are_those_of_the_reference(
-    parameter: int, antialiased: bool, monkeypatch: pytest.MonkeyPatch
+    parameter: int, model: SplatModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Where alpha is cut off, at 1/255, the picture jumps, which no derivative shows. The reference is therefore asked
     # without the cut-off, and the tails beyond it, up to 3 % of a derivative by a scale, set the tolerance.
     monkeypatch.setattr(reference, "ALPHA_CUTOFF", 1e-9)
     gaussians, camera = _scene()
-    gaussians = gaussians.replace(antialiased=antialiased)
+    gaussians = gaussians.replace(model=model)
     slopes = _slopes(camera)
     found = gradients(draw(gaussians, camera), slopes, np.ones(len(gaussians), np.bool_))[:, parameter]
     step = 1e-3

@@ -264,7 +264,7 @@ def test_discs_become_thin_gaussians(tmp_path):
     scene = formats.read(tmp_path)
     assert np.array_equal(scene.log_scales[:, :2], SCENE.log_scales[:, :2])
     np.testing.assert_allclose(scene.log_scales[:, 2], SCENE.log_scales[:, :2].min(axis=1) - np.log(1000), rtol=1e-6)
-    assert "2D Gaussian Splatting" in describe_file(tmp_path)
+    assert "2D Gaussian Splatting" in describe_file(tmp_path) and scene.model == "2dgs"
     entries = list(checkpoint_entries(SCENE))
     entries[4] = entries[4][:, :2]
     save(tmp_path / "chkpnt2000.pth", (tuple(entries), 2000))

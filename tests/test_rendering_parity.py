@@ -36,7 +36,8 @@ def view(scene, width, height):
     if scene.startswith("random"):
         degree = int(scene[-1])
         gaussians = random_scene(seed=10 + degree, sh_degree=degree)
-        return gaussians.replace(antialiased="antialiased" in scene), front_camera(width, height)
+        model = "antialiased" if "antialiased" in scene else "default"
+        return gaussians.replace(model=model), front_camera(width, height)
     gaussians = {
         "capped": concatenate([wide(2.0, 0.9999), wide(1.0, 0.3, (0.1, 0.8, 0.6))]),
         "exhausted": concatenate([wide(2.0 - 0.07 * i, 0.75, (i % 2, 0.1 * i, 0.5)) for i in range(10)]),

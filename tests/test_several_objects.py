@@ -51,6 +51,17 @@ def check_complementary(result):
     assert len(result.background) == len(result.background_source) == len(result.background_label)
 
 
+def test_shares_are_what_labels_were_made_of(result):
+    share, labels = result.share, result.labels
+    assert share.shape == labels.shape and share.min() == 0 and share.max() <= 1
+    whole = np.concatenate([part.source_index[part.label != RowLabel.SPLIT_INSIDE] for part in result.objects])
+    assert (share[whole] > 0.5).all() and (share > 0.5).sum() <= 1.02 * (labels > 0).sum()
+    assert len(np.unique(share)) > 10  # not a mask
+    left = trim_objects(SCENE, ROUGH, config=replace(CONFIG, acceptance=replace(CONFIG.acceptance, max_wrong=0.0)))
+    refused = [part for part in left.objects if part.refused]
+    assert refused and all((left.share[part.source_index] == 1).all() for part in refused)
+
+
 def test_each_object_is_as_it_would_be_alone(result):
     check_complementary(result)
     assert [part.id for part in result.objects] == [3, 7]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,9 @@ IntArray = NDArray[np.int64]
 LabelArray = NDArray[np.int32]
 BoolArray = NDArray[np.bool_]
 
+SplatModel = Literal["default", "antialiased", "2dgs"]
+"""What Gaussians were trained as: antialiased, as Mip-Splatting and others call it, so that one which drawing widens,
+being smaller than a pixel, is fainter for it; or as discs of 2D Gaussian Splatting, which have a thin third axis."""
 SH_C0 = 0.28209479177387814
 """Value of the constant real spherical harmonic, sqrt(1 / (4 pi))."""
 
@@ -45,9 +48,8 @@ class Gaussians:
     """Columns that drawing does not use, by name, each (N,): kept so that they can be read and passed on."""
     format_up: tuple[float, float, float] | None = None
     """Where up points by the file that they were read from or by the specification of its format, if either says it."""
-    antialiased: bool = False
-    """Whether they were trained so that a Gaussian which drawing widens, being smaller than a pixel, is fainter for it;
-    Mip-Splatting and others call it antialiased."""
+    model: SplatModel = "default"
+    """What they were trained as."""
     notes: tuple[str, ...] = ()
     """What reading has left out or changed, a clause each."""
 
@@ -168,6 +170,11 @@ class Gaussians:
         return sigmoid(self.opacity_logits)
 
     @property
+    def antialiased(self) -> bool:
+        """Whether what is smaller than a pixel is drawn fainter."""
+        return self.model == "antialiased"
+
+    @property
     def blank(self) -> BoolArray:
         """Which rows stand for what a file has there but cannot be used, (N,): opacities of exactly zero mark them."""
         return np.asarray(np.isneginf(self.opacity_logits))
@@ -194,7 +201,7 @@ class Gaussians:
             self.sh_rest[rows],
             {name: column[rows] for name, column in self.extras.items()},
             self.format_up,
-            self.antialiased,
+            self.model,
         )
 
     def replace(self, **arrays: Any) -> Gaussians:
@@ -248,7 +255,7 @@ def concatenate(parts: Sequence[Gaussians]) -> Gaussians:
         np.concatenate([part.sh_rest for part in parts]),
         {name: np.concatenate([part.extras[name] for part in parts]) for name in shared},
         parts[0].format_up,
-        any(part.antialiased for part in parts),
+        next((part.model for part in parts if part.model != "default"), "default"),
     )
 
 

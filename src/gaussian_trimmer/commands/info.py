@@ -17,7 +17,6 @@ from gaussian_trimmer.commands.arguments import LEVEL, TRUST
 from gaussian_trimmer.commands.console import add_printing, console_of, print_json
 from gaussian_trimmer.errors import InputError, clip_name, printable
 from gaussian_trimmer.formats.identify import FORMATS, SELECTION_SUFFIXES, STREAMED, Identity, identify
-from gaussian_trimmer.formats.packing import are_discs
 from gaussian_trimmer.formats.streamed_sog import open_streamed
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.geometry.limits import lost_places
@@ -195,7 +194,7 @@ def _gaussian_lines(gaussians: Gaussians, facts: dict[str, Any]) -> Iterator[str
     yield f"largest standard deviation: median {np.median(largest):.3g}, maximum {largest.max():.3g}"
     if gaussians.antialiased:
         yield "antialiased: drawn with opacities that make up for the pixels' blur"
-    if are_discs(gaussians):
+    if gaussians.model == "2dgs":
         yield "discs of 2D Gaussian Splatting: as thick as a thousandth of their smaller width"
     if far := lost_places(gaussians):
         yield f"coordinates have lost digits: {far}"

@@ -41,8 +41,8 @@ _HOLD_NOTHING = (".ply", ".splat")
 """Formats that can hold zero Gaussians."""
 FILTER = "filter_3D"
 """Column of Mip-Splatting's files: the width of each Gaussian's smoothing filter, which its program adds on drawing."""
-_WITHOUT_MODEL = (".splat", ".glb")
-"""Formats that cannot say that Gaussians are antialiased."""
+_WITHOUT_MODEL = {"antialiased": (".splat", ".glb"), "2dgs": (".splat", ".glb", ".spz")}
+"""Formats that cannot say what Gaussians were trained as."""
 _EXACT = (".ply", ".glb")
 """Formats that round nothing."""
 Values = Literal["stored", "activated"]
@@ -182,8 +182,8 @@ def losses(gaussians: Gaussians, target: str, source: str) -> str:
     lost = list[str]()
     if gaussians.sh_degree and target == ".splat":
         lost.append("view-dependent colour")
-    if gaussians.antialiased and target in _WITHOUT_MODEL:
-        lost.append("that the Gaussians are antialiased")
+    if target in _WITHOUT_MODEL.get(gaussians.model, ()):
+        lost.append(f"that the Gaussians are {gaussians.model}")
     if gaussians.extras:
         lost.append(f"{len(gaussians.extras)} extra columns")
     if target not in (*_EXACT, source):

@@ -25,7 +25,7 @@ from gaussian_trimmer.formats.packing import (
     sh_dc_of,
     to_levels,
 )
-from gaussian_trimmer.formats.ply import Header, header_of, read_header, read_table, says_antialiased
+from gaussian_trimmer.formats.ply import Header, header_of, read_header, read_table, stated_model
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.io.writing import atomic_file, write_array
 
@@ -71,7 +71,7 @@ def read(path: Path) -> Gaussians:
         opacity_logits=opacity_logits_of((colour & 0xFF).astype(np.uint8)),
         sh_dc=sh_dc_of(_unpack_colours(colour, chunks)),
         sh_rest=_read_sh(path, header, n),
-        antialiased=says_antialiased(header),
+        model=stated_model(header),
     )
 
 
@@ -100,7 +100,7 @@ def write(gaussians: Gaussians, path: Path) -> None:
     if gaussians.sh_degree:
         elements["sh"] = n, np.dtype([(f"f_rest_{i}", "u1") for i in range(sh.shape[1])])
     with atomic_file(path) as part, part.open("wb") as file:
-        file.write(header_of(elements, antialiased=gaussians.antialiased))
+        file.write(header_of(elements, model=gaussians.model))
         for array in (ends, words, sh):
             write_array(file, array)
 

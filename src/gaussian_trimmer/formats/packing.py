@@ -86,12 +86,6 @@ def thicken_discs(log_scales: FloatArray) -> FloatArray:
     return np.column_stack([log_scales, log_scales.min(axis=1) - _THINNESS])
 
 
-def are_discs(gaussians: Gaussians) -> bool:
-    """Say whether all Gaussians are as thin as `thicken_discs` leaves them."""
-    widths = gaussians.log_scales[:, :2].min(axis=1)
-    return bool((np.abs(widths - gaussians.log_scales[:, 2] - _THINNESS) < 1e-3).all())
-
-
 def with_finite_limits(gaussians: Gaussians) -> Gaussians:
     """The Gaussians with infinite opacity logits and scales of zero as `opacity_logits_of` and `log_scales_of` give."""
     logits, log_scales = gaussians.opacity_logits, gaussians.log_scales

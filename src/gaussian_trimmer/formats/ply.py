@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import vector_of_up
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.formats.packing import CUT_TO_DEGREE_3, thicken_discs, with_finite_limits
-from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray, SplatModel
 from gaussian_trimmer.io.reading import read_into
 from gaussian_trimmer.io.writing import atomic_file, write_array
 
@@ -41,6 +41,11 @@ _CLOUDCOMPARE = re.compile(rf"(?:scalar_|scal_)+(?={_NUMBERED_NAME}$)")
 """What CloudCompare puts before the names of columns, once or twice."""
 _VERTICAL = re.compile(r"vertical axis: *(.+)", re.IGNORECASE)
 _MODEL = re.compile(r"(?:splatrendermode:|antialiased:?) *(\w+)", re.IGNORECASE)
+_MODEL_COMMENTS: dict[SplatModel, tuple[str, ...]] = {
+    "default": (),
+    "antialiased": ("comment SplatRenderMode: mip",),
+    "2dgs": ("comment SplatRenderMode: 2dgs",),
+}
 _RELATIVES = {
     "f_anchor_feat_0": "It is of Scaffold-GS, as InstanceGaussian's: anchors, of which networks make each view's "
     "Gaussians. Train 3D Gaussian Splatting on the same pictures and cameras, and carry the object over by masks that "
@@ -104,16 +109,17 @@ def read(path: Path) -> Gaussians:
         sh_rest=sh_rest[..., :_KEPT_COEFFICIENTS],
         extras={name: table[name] for name in names if name not in {*required, *_NORMAL_NAMES, *rest}},
         format_up=_stated_up(header),
-        antialiased=says_antialiased(header),
+        model="2dgs" if len(scales) == 2 else stated_model(header),
         notes=(CUT_TO_DEGREE_3,) if sh_rest.shape[2] > _KEPT_COEFFICIENTS else (),
     )
     return with_finite_limits(gaussians)
 
 
-def says_antialiased(header: Header) -> bool:
-    """Return whether a comment of Brush, splat-transform or Postshot says that the Gaussians are antialiased."""
+def stated_model(header: Header) -> SplatModel:
+    """Return the model that a comment of Brush, splat-transform or Postshot states."""
     said = [found[1].lower() for found in map(_MODEL.fullmatch, header.comments) if found]
-    return said[-1:] in (["mip"], ["1"])
+    models: dict[str, SplatModel] = {"mip": "antialiased", "1": "antialiased", "2dgs": "2dgs"}
+    return models.get(said[-1] if said else "", "default")
 
 
 def _stated_up(header: Header) -> tuple[float, float, float] | None:
@@ -168,7 +174,7 @@ def _write_chunks(chunks: Iterable[Gaussians], like: Gaussians, count: int, path
     extras = [(name, column.dtype.newbyteorder("<").str) for name, column in like.extras.items()]
     row_type = np.dtype([*((name, "<f4") for name in names), *extras])
     with atomic_file(path) as part, part.open("wb") as file:
-        file.write(header_of({"vertex": (count, row_type)}, antialiased=like.antialiased))
+        file.write(header_of({"vertex": (count, row_type)}, model=like.model))
         for chunk in chunks:
             write_array(file, _rows(chunk, row_type, names))
 
@@ -222,16 +228,16 @@ class Header:
         return np.dtype([(name, order + kind) for name, kind in element.properties])
 
 
-def header_of(elements: Mapping[str, tuple[int, np.dtype[Any]]], *, antialiased: bool) -> bytes:
+def header_of(elements: Mapping[str, tuple[int, np.dtype[Any]]], *, model: SplatModel) -> bytes:
     """Return the header of a binary little-endian PLY with elements of so many rows of a type, by their names.
 
-    That Gaussians are antialiased is said as Brush and splat-transform say it.
+    Their model is said as Brush and splat-transform say it.
 
     Raises:
         ValueError: a PLY has no column of such a type, or cannot hold its name.
     """
     ply_types = {code: word for word, code in _SCALAR_TYPES.items() if not word[-1].isdigit()}
-    lines = ["ply", "format binary_little_endian 1.0", *(["comment SplatRenderMode: mip"] if antialiased else [])]
+    lines = ["ply", "format binary_little_endian 1.0", *_MODEL_COMMENTS[model]]
     for element, (count, row_type) in elements.items():
         lines.append(f"element {element} {count}")
         for name in row_type.names or ():

@@ -33,13 +33,11 @@ from gaussian_trimmer.formats.packing import (
     scalar_codebook,
     to_levels,
 )
-from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
+from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, SplatModel
 from gaussian_trimmer.io.reading import decoded_picture, file_bytes, is_file, member_bytes, open_archive, webp_size
 from gaussian_trimmer.io.writing import atomic_file
 
 META = "meta.json"
-_ANTIALIASED = "antialiased"
-"""What it calls their model."""
 """What the file is called that says what the textures mean."""
 _COEFFICIENTS = (3, 8, 15)
 _PALETTE_SIZE = 1 << 16
@@ -146,7 +144,7 @@ def _decode(contents: Callable[[str], bytes], meta: SogMeta, path: Path) -> Gaus
         opacity_logits=meta.opacity_logits[sh0[:, 3]],
         sh_dc=meta.colours[sh0[:, :3], channels],
         sh_rest=sh_rest,
-        antialiased=meta.antialiased,
+        model=meta.model,
     )
 
 
@@ -204,8 +202,8 @@ def _encode(gaussians: Gaussians) -> tuple[dict[str, ByteArray], dict[str, Any]]
         "quats": {"files": ["quats.webp"]},
         "sh0": {"codebook": colour_codebook.tolist(), "files": ["sh0.webp"]},
     }
-    if gaussians.antialiased:
-        meta["model"] = _ANTIALIASED
+    if gaussians.model != "default":
+        meta["model"] = gaussians.model
     if gaussians.sh_degree:
         palette, labels = row_codebook(gaussians.sh_rest.reshape(len(gaussians), -1), _PALETTE_SIZE)
         codebook, entries = scalar_codebook(palette)
@@ -289,7 +287,7 @@ class SogMeta:
     """Coefficients of degrees 1 to 3 by byte, (256,), where there are any."""
     files: dict[str, list[str]]
     """Names of the textures by attribute: means, scales, quats, sh0, shN."""
-    antialiased: bool
+    model: SplatModel
 
 
 def parse_meta(data: bytes, path: Path) -> SogMeta:
@@ -314,7 +312,8 @@ def parse_meta(data: bytes, path: Path) -> SogMeta:
         raise InputError(
             f"'{path}' is damaged: its meta.json is not that of a SOG, {clip_name(str(error))}."
         ) from error
-    return SogMeta(count, mins, maxs, *tables, files, meta.get("model") == _ANTIALIASED)
+    model = meta.get("model")
+    return SogMeta(count, mins, maxs, *tables, files, model if model in ("antialiased", "2dgs") else "default")
 
 
 def _tables(meta: dict[str, Any]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:

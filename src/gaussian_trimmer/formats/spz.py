@@ -205,7 +205,7 @@ def _decode(header: _Header, parts: list[ByteArray]) -> Gaussians:
         opacity_logits=opacity_logits_of(opacities[:, 0]),
         sh_dc=((colours / 255.0 - 0.5) / _COLOUR_SCALE).astype(np.float32),
         sh_rest=(sh.astype(np.float32) - 128.0) / 128.0,
-        antialiased=header.antialiased,
+        model="antialiased" if header.antialiased else "default",
         notes=(CUT_TO_DEGREE_3,) if header.sh_degree > 3 else (),
     )
 

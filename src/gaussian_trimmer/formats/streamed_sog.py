@@ -165,7 +165,7 @@ def _assemble(streamed: StreamedSog, level: Level) -> Gaussians:
                 whole[place : place + count] = values[first : first + count]
                 place += count
         start = place
-    return Gaussians(**arrays, antialiased=chunk.antialiased)  # type: ignore[arg-type]  # none of them is the extra columns
+    return Gaussians(**arrays, model=chunk.model)  # type: ignore[arg-type]  # none of them is the extra columns
 
 
 def _check_runs(runs: IntArray, count: int, chunk: Path, path: Path) -> None:

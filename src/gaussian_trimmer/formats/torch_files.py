@@ -278,6 +278,7 @@ def as_gaussians(file: TorchFile, tensors: dict[str, Any], expected: str) -> Gau
             opacity_logits=values["opacities"].reshape(n),
             sh_dc=values["features_dc"].reshape(n, 3),
             sh_rest=np.ascontiguousarray(rest.transpose(0, 2, 1)) if rest.size else np.zeros((n, 3, 0), np.float32),
+            model="2dgs" if scales.shape == (n, 2) else "default",
         )
     except ValueError as error:
         raise InputError(f"'{file.path}' is not a {expected}: {clip_name(str(error))}") from error

@@ -154,7 +154,12 @@ def assemble_result(
         for part, removal in zip(trimmed, removals, strict=True)
     )
     discarded, selected = np.zeros(len(scene), np.bool_), np.zeros(len(scene), np.bool_)
-    gain = np.ones(len(scene), np.float32)
+    gain, share = np.ones(len(scene), np.float32), np.zeros(len(scene), np.float32)
+    for decision in decisions:
+        share[decision.considered] = np.maximum(share[decision.considered], decision.share)
+    for number, decision in enumerate(decisions, 1):
+        own = owner[decision.considered] == number
+        share[decision.considered[own]] = decision.share[own]
     for part in objects:
         selected[part.selected_rows] = True
     for rows, removal in removed:
@@ -178,6 +183,7 @@ def assemble_result(
         background_source=np.concatenate([whole, *split, relit, np.full(len(filled), -1, np.int64)]),
         background_label=np.concatenate(labels).astype(np.uint8),
         discarded=np.flatnonzero(discarded),
+        share=share,
         contested=contested,
         config=setup.config,
         cameras=tuple(training_cameras(setup.cameras)),

@@ -48,6 +48,8 @@ class Decision:
     """Small views of the object; None if it is left as it was."""
     parts: Decomposition | None = None
     """What the object gets; None if the selection is left as it was."""
+    probability: FloatArray | None = None
+    """Probability that each Gaussian of the crop is the object's by the corrected labels, (L,); None if none were."""
     refused: str | None = None
     """Why it is left as it was."""
     seconds: dict[str, float] = field(default_factory=dict)
@@ -62,6 +64,13 @@ class Decision:
     def rows(self) -> IntArray:
         """Scene rows, ascending, of those that it asks for."""
         return self.rough.rows if self.parts is None else self.crop.rows[self.parts.members]
+
+    @property
+    def share(self) -> FloatArray:
+        """How much of each of those that could be the object's is its own, from 0 to 1, (L,)."""
+        if self.parts is None or self.probability is None:
+            return np.ones(len(self.considered), np.float32)
+        return self.probability
 
     def owned(self, owner: LabelArray, number: int) -> IntArray:
         """Return scene rows, ascending, of those that it gets, by the number of each Gaussian's object, (N,)."""
@@ -84,7 +93,7 @@ def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
     with clock("segment"):
         masks = [mask for _, mask in setup.masks] if setup.masks else [view.silhouette for view in unsegmented]
         views = check_masks(unsegmented, masks, config.acceptance, judged=setup.masks is not None)
-    decision = replace(decision, views=tuple(views))
+    decision = replace(decision, views=tuple(views), probability=probability)
     refused = rejection(views, config.acceptance)
     if refused:
         return replace(decision, refused=refused)

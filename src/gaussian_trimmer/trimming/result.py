@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, LabelArray, concatenate, mask_of_rows
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, LabelArray, concatenate, mask_of_rows
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.up_vector import UpVector
@@ -112,6 +112,10 @@ class TrimResult:
     """What happened to each, a `RowLabel`, (B,)."""
     discarded: IntArray
     """Scene rows, ascending, that nothing has: what only the objects hid, and what new Gaussians took the place of."""
+    share: FloatArray
+    """How much of each Gaussian of the scene is an object's by the corrected labels, from 0 to 1, (N,): that of the
+    object in `labels`, and in the background the largest of any. It is 1 for what was selected of an object that is
+    left as it was, and 0 too far from every object. What splits, masks and views decide afterwards is not in it."""
     contested: int
     """Number of Gaussians that several objects claimed."""
     config: TrimConfig
