@@ -10,12 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, LabelArray
+from gaussian_trimmer.geometry.bounds import Bounds, own_frame, robust_bounds
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering import Rendering, render
 from gaussian_trimmer.rendering.tile_renderer import label_weights
-from gaussian_trimmer.views.view import HALF
+from gaussian_trimmer.views.small_views import views_of_place
+from gaussian_trimmer.views.view import HALF, shown_by
 
 THICKNESS_RADII = 0.05
 """Half of a surface's thickness, in object radii."""
@@ -151,6 +152,40 @@ class RemovalViews:
 
     def _render(self, part: Gaussians, masks: Sequence[BoolArray | None]) -> list[Rendering]:
         return list(parallel_map(lambda camera, mask: render(part, camera, mask=mask), self.cameras, masks))
+
+
+def views_around(
+    scene: Gaussians,
+    rows: IntArray,
+    owner: LabelArray,
+    number: int,
+    up: Float64Array,
+    cameras: Sequence[Camera],
+    size: int,
+) -> RemovalViews:
+    """Return small views of an object and of what is around it.
+
+    Args:
+        scene: all Gaussians.
+        rows: those of the object and around it, ascending, (N,).
+        owner: number of the object that has each Gaussian of the scene, 0 for none.
+        number: the object's.
+        up: the up vector, (3,).
+        cameras: views from where the object was seen.
+        size: width and height of the views in pixels.
+    """
+    gaussians, of_object = scene.select(rows), owner[rows] == number
+    target = gaussians.select(of_object)
+    bounds = robust_bounds(target, own_frame(target, up))
+    around, above = (views_of_place(bounds, size, steep) for steep in (False, True))
+    observing = [camera.resized(min(1, size / max(camera.width, camera.height))) for camera in cameras]
+
+    def beyond(cameras: Sequence[Camera]) -> Gaussians:
+        shown = shown_by(scene, cameras) & (owner == 0)
+        shown[rows] = False
+        return scene.select(shown)
+
+    return RemovalViews(gaussians, of_object, owner[rows] > 0, bounds, around, above, observing, beyond)
 
 
 def points_at(camera: Camera, depth: FloatArray | Float64Array) -> Float64Array:

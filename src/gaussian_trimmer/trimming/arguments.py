@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaussian_trimmer.cameras import Camera, CameraSet, vector_of_up
+from gaussian_trimmer.cameras import Camera, CameraSet, as_camera_set, vector_of_up
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, check_gaussians
+from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.settings import check_settings
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.straddlers import StrokeCut
@@ -56,6 +57,37 @@ class Setup:
     """The up vector of all objects; None if each must find the plane that it stands on."""
     up_warning: str | None = None
     """What speaks against it."""
+
+
+def set_up(
+    scene: Gaussians,
+    objects: Any,
+    config: TrimConfig | None,
+    masks: Any,
+    cameras: CameraSet | Sequence[Camera] | None,
+    views: int | None,
+    view_cameras: Sequence[Camera] | None,
+    up: Any,
+    excluded: Any,
+) -> tuple[Setup, list[RoughObject]]:
+    """Check what callers give, and bring it into one form."""
+    check_gaussians(scene)
+    check_magnitudes(scene)
+    rough = visible_objects(rough_objects(objects, len(scene)), scene)
+    if masks is not None and len(rough) > 1:
+        raise InputError(f"Masks are of one object, and {len(rough)} are to be trimmed; trim them one by one.")
+    checked = checked_masks(masks)
+    if checked and view_cameras and not same_cameras([camera for camera, _ in checked], view_cameras):
+        raise InputError("Masks come with the cameras to look from; leave view_cameras out.")
+    setup = Setup(
+        scene=scene,
+        config=settings(config, views, up, view_cameras),
+        masks=checked,
+        cameras=as_camera_set(cameras),
+        view_cameras=view_cameras,
+        excluded=mask_of_excluded(excluded, len(scene)),
+    )
+    return setup, rough
 
 
 def rows_of_selection(selection: ArrayLike, n: int) -> IntArray:

@@ -149,6 +149,9 @@ def assemble_result(
     scene, (trimmed, cut_off) = setup.scene, zip(*assembled, strict=True)
     outer, split = [pieces.gaussians for pieces in cut_off], [pieces.source for pieces in cut_off]
     removed = [(d.crop.rows, removal) for d, removal in zip(decisions, removals, strict=True) if removal]
+    for _, removal in removed:
+        if removal.not_filled:
+            LOG.info("not filled: %s", removal.not_filled)
     objects = tuple(
         replace(part, warnings=part.warnings + removal.warnings, not_filled=removal.not_filled) if removal else part
         for part, removal in zip(trimmed, removals, strict=True)

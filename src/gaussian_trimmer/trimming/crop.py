@@ -24,14 +24,12 @@ from gaussian_trimmer.rendering import Rendering, blend_values, render
 from gaussian_trimmer.trimming.arguments import Setup, same_cameras
 from gaussian_trimmer.trimming.config import CONTEXT_RADIUS
 from gaussian_trimmer.views.by_sight import TRIAL_RADII, ChosenViews, choose_views
-from gaussian_trimmer.views.view import HALF, View, bounding_box, clearly_nearer, visible_weight
+from gaussian_trimmer.views.view import HALF, View, bounding_box, clearly_nearer, shown_by, visible_weight
 from gaussian_trimmer.views.virtual_cameras import cameras_around, cameras_that_see, framed_bounds
 
 _MOST_STEPS = 8
 """Limit to the work: steps from Gaussian to touching Gaussian in which what is selected hangs together with the
 object."""
-_SEEN_DEVIATIONS = 3.0
-"""Standard deviations from its centre up to which a Gaussian may show in a picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,20 +191,6 @@ def _surroundings(
     members = _with_connected(scene, possible, members) if members.any() else selection
     rows = np.flatnonzero(members | (~selection & (squared < (context_radius * bounds.radius) ** 2)))
     return rows, members[rows]
-
-
-def shown_by(scene: Gaussians, cameras: Sequence[Camera], before: Bounds | None = None) -> BoolArray:
-    """Return which Gaussians some camera may show, (N,), of all or nearer than the far end of some bounds."""
-    found, reach = np.zeros(len(scene), np.bool_), _SEEN_DEVIATIONS * np.exp(scene.largest_log_scales)
-    means = np.ascontiguousarray(scene.means.T, np.float64)
-    for camera in cameras:
-        transform = camera.K @ camera.world_to_camera[:3]
-        x, y, depths = np.einsum("ij,jn->in", transform[:, :3], means) + transform[:, 3:]
-        far = np.inf if before is None else float(camera.project(before.centre[None])[1][0]) + before.radius
-        half = camera.width / 2, camera.height / 2
-        aside = np.maximum(*(np.abs(p - h * depths) - h * depths for p, h in zip((x, y), half, strict=True)))
-        found |= (depths > camera.near) & (depths < far) & (aside < reach * max(camera.K[0, 0], camera.K[1, 1]))
-    return found
 
 
 def _with_connected(scene: Gaussians, selection: BoolArray, members: BoolArray) -> BoolArray:

@@ -15,6 +15,7 @@ import numpy as np
 from gaussian_trimmer.cameras import training_cameras
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, LabelArray, mask_of_rows
 from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
+from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.trimming.acceptance import check_masks, excessive_loss, rejection
 from gaussian_trimmer.trimming.alpha_targets import OutlineViews, resized_mask
 from gaussian_trimmer.trimming.arguments import RoughObject, Setup
@@ -25,7 +26,7 @@ from gaussian_trimmer.trimming.evidence import Decomposition, prune
 from gaussian_trimmer.trimming.label_crf import correct_labels
 from gaussian_trimmer.trimming.paper import vote
 from gaussian_trimmer.trimming.straddlers import split_straddlers
-from gaussian_trimmer.trimming.up_vector import UpVector, find_up
+from gaussian_trimmer.trimming.up_vector import KNOWN_SOURCES, UpVector, find_up
 from gaussian_trimmer.views.small_views import FAR_FOV_DEGREES, close_up_of, views_at_heights
 from gaussian_trimmer.views.view import HALF, TrimmedView, View, without_pictures
 from gaussian_trimmer.views.virtual_cameras import PlanConfig
@@ -79,6 +80,29 @@ class Decision:
     def without_pictures(self) -> Decision:
         """Return the same in little memory: neither Gaussians nor pixels are kept."""
         return replace(self, crop=self.crop.without_copies(), views=tuple(map(without_pictures, self.views)))
+
+
+def decide_all(setup: Setup, rough: Sequence[RoughObject], clock: Clock) -> list[Decision]:
+    """Decide what belongs to each object; what several have in common is found once."""
+    if len(rough) == 1:
+        return [decide(setup, rough[0], clock)]
+    selected = np.zeros(len(setup.scene), np.bool_)
+    for part in rough:
+        selected[part.rows] = True
+    up = find_up(setup.scene, setup.cameras, setup.config.up, selected)
+    if up.source in KNOWN_SOURCES:
+        setup = replace(setup, up=up, up_warning=up_warning(setup.scene, selected, up))
+
+    def decided(part: RoughObject) -> Decision:
+        own_clock = Clock(lambda stage: None)
+        decision = decide(setup, part, own_clock).without_pictures()
+        return replace(decision, seconds=own_clock.seconds)
+
+    decisions, found = [], parallel_map(decided, rough)
+    for part in rough:
+        with clock(f"object {part.id}"):
+            decisions.append(next(found))
+    return decisions
 
 
 def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:

@@ -1,42 +1,25 @@
-"""The trimmer: decide what belongs to each object, share out what several ask for, remove, fit, and put together."""
+"""The trimmer: decide what belongs to each object, share out what several ask for, refine, remove, and assemble."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaussian_trimmer.cameras import Camera, CameraSet, as_camera_set
-from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import Gaussians, LabelArray, check_gaussians
-from gaussian_trimmer.geometry.bounds import own_frame, robust_bounds
-from gaussian_trimmer.geometry.limits import check_magnitudes
+from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.gaussians import Gaussians, LabelArray
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.removal.remove import Removal, remove
-from gaussian_trimmer.removal.views import RemovalViews
-from gaussian_trimmer.trimming.arguments import (
-    RoughObject,
-    Setup,
-    checked_masks,
-    mask_of_excluded,
-    rough_objects,
-    same_cameras,
-    settings,
-    visible_objects,
-)
+from gaussian_trimmer.removal.views import views_around
+from gaussian_trimmer.trimming.arguments import Setup, set_up
 from gaussian_trimmer.trimming.assembly import assemble_object, assemble_result, resolve_overlaps
-from gaussian_trimmer.trimming.clock import LOG, Clock, Progress
+from gaussian_trimmer.trimming.clock import Clock, Progress
 from gaussian_trimmer.trimming.config import TrimConfig
-from gaussian_trimmer.trimming.crop import shown_by
-from gaussian_trimmer.trimming.decision import Decision, decide, look
-from gaussian_trimmer.trimming.diagnosis import up_warning
+from gaussian_trimmer.trimming.decision import Decision, decide_all, look
 from gaussian_trimmer.trimming.result import THE_OBJECT, TrimResult
-from gaussian_trimmer.trimming.up_vector import KNOWN_SOURCES, find_up
-from gaussian_trimmer.views.small_views import views_of_place
 from gaussian_trimmer.views.view import View
 
 
@@ -120,10 +103,10 @@ def trim_objects(
             a setting is out of its range; the scene holds numbers with which nothing can be computed; or the
             masks cannot be used, or are given for several objects.
     """
-    setup, rough = _set_up(scene, objects, config, masks, cameras, views, view_cameras, up, excluded)
+    setup, rough = set_up(scene, objects, config, masks, cameras, views, view_cameras, up, excluded)
     clock = Clock(progress)
     numbers = range(1, len(rough) + 1)
-    decisions = _decide_all(setup, rough, clock)
+    decisions = decide_all(setup, rough, clock)
     with clock("share out"):
         owner, contested = resolve_overlaps(scene, [d.rows for d in decisions], [part.rows for part in rough])
     with clock("refine"):
@@ -155,62 +138,8 @@ def views_to_segment(
     Raises:
         InputError: as `trim`.
     """
-    setup, (rough,) = _set_up(scene, {THE_OBJECT: selection}, config, None, cameras, views, view_cameras, up, excluded)
+    setup, (rough,) = set_up(scene, {THE_OBJECT: selection}, config, None, cameras, views, view_cameras, up, excluded)
     return look(setup, rough)
-
-
-def _set_up(
-    scene: Gaussians,
-    objects: Any,
-    config: TrimConfig | None,
-    masks: Any,
-    cameras: CameraSet | Sequence[Camera] | None,
-    views: int | None,
-    view_cameras: Sequence[Camera] | None,
-    up: Any,
-    excluded: Any,
-) -> tuple[Setup, list[RoughObject]]:
-    """Check what callers give, and bring it into one form."""
-    check_gaussians(scene)
-    check_magnitudes(scene)
-    rough = visible_objects(rough_objects(objects, len(scene)), scene)
-    if masks is not None and len(rough) > 1:
-        raise InputError(f"Masks are of one object, and {len(rough)} are to be trimmed; trim them one by one.")
-    checked = checked_masks(masks)
-    if checked and view_cameras and not same_cameras([camera for camera, _ in checked], view_cameras):
-        raise InputError("Masks come with the cameras to look from; leave view_cameras out.")
-    setup = Setup(
-        scene=scene,
-        config=settings(config, views, up, view_cameras),
-        masks=checked,
-        cameras=as_camera_set(cameras),
-        view_cameras=view_cameras,
-        excluded=mask_of_excluded(excluded, len(scene)),
-    )
-    return setup, rough
-
-
-def _decide_all(setup: Setup, rough: Sequence[RoughObject], clock: Clock) -> list[Decision]:
-    """Decide what belongs to each object; what several have in common is found once."""
-    if len(rough) == 1:
-        return [decide(setup, rough[0], clock)]
-    selected = np.zeros(len(setup.scene), np.bool_)
-    for part in rough:
-        selected[part.rows] = True
-    up = find_up(setup.scene, setup.cameras, setup.config.up, selected)
-    if up.source in KNOWN_SOURCES:
-        setup = replace(setup, up=up, up_warning=up_warning(setup.scene, selected, up))
-
-    def decided(part: RoughObject) -> Decision:
-        own_clock = Clock(lambda stage: None)
-        decision = decide(setup, part, own_clock).without_pictures()
-        return replace(decision, seconds=own_clock.seconds)
-
-    decisions, found = [], parallel_map(decided, rough)
-    for part in rough:
-        with clock(f"object {part.id}"):
-            decisions.append(next(found))
-    return decisions
 
 
 def _light(decisions: Sequence[Decision]) -> Iterator[Decision]:
@@ -220,22 +149,9 @@ def _light(decisions: Sequence[Decision]) -> Iterator[Decision]:
 
 def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) -> Removal | None:
     """Return what the Gaussians around an object are without it; None if it is left as it was, or has nothing left."""
-    crop, of_crop = decision.crop, owner[decision.crop.rows]
-    if decision.parts is None or not (of_crop == number).any():
+    crop, config = decision.crop, setup.config
+    if decision.parts is None or not (owner[crop.rows] == number).any():
         return None
-    target = crop.local.select(of_crop == number)
-    bounds = robust_bounds(target, own_frame(target, crop.bounds.axes[2]))
-    size = setup.config.refinement.size
-    around, above = (views_of_place(bounds, size, steep) for steep in (False, True))
-    observing = [camera.resized(min(1, size / max(camera.width, camera.height))) for camera in crop.cameras]
-
-    def beyond(cameras: Sequence[Camera]) -> Gaussians:
-        shown = shown_by(setup.scene, cameras) & (owner == 0)
-        shown[crop.rows] = False
-        return setup.scene.select(shown)
-
-    views = RemovalViews(crop.local, of_crop == number, of_crop > 0, bounds, around, above, observing, beyond)
-    removal = remove(views, fill=setup.config.background == "filled", with_standing=setup.config.with_what_stands_on_it)
-    if removal.not_filled:
-        LOG.info("not filled: %s", removal.not_filled)
-    return removal
+    up, size = crop.bounds.axes[2], config.refinement.size
+    views = views_around(setup.scene, crop.rows, owner, number, up, crop.cameras, size)
+    return remove(views, fill=config.background == "filled", with_standing=config.with_what_stands_on_it)

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
+from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.rendering import Rendering
 
 HALF = 0.5
@@ -27,6 +28,9 @@ REFERENCE_PIXELS = 5 * 512 * 512
 
 MIN_SEEN_PIXELS = 1e-3
 """Summed blend weight above which a Gaussian counts as seen."""
+
+_SEEN_DEVIATIONS = 3.0
+"""Standard deviations from its centre up to which a Gaussian may show in a picture."""
 
 Box = tuple[int, int, int, int]
 """Pixel box (x0, y0, x1, y1); x1 and y1 are exclusive."""
@@ -120,6 +124,20 @@ def visible_weight(weights: Sequence[FloatArray], cameras: Sequence[Camera]) -> 
     """
     pixels = sum(camera.height * camera.width for camera in cameras)
     return np.asarray(np.sum(weights, axis=0) * np.float32(REFERENCE_PIXELS / pixels))
+
+
+def shown_by(scene: Gaussians, cameras: Sequence[Camera], before: Bounds | None = None) -> BoolArray:
+    """Return which Gaussians some camera may show, (N,), of all or nearer than the far end of some bounds."""
+    found, reach = np.zeros(len(scene), np.bool_), _SEEN_DEVIATIONS * np.exp(scene.largest_log_scales)
+    means = np.ascontiguousarray(scene.means.T, np.float64)
+    for camera in cameras:
+        transform = camera.K @ camera.world_to_camera[:3]
+        x, y, depths = np.einsum("ij,jn->in", transform[:, :3], means) + transform[:, 3:]
+        far = np.inf if before is None else float(camera.project(before.centre[None])[1][0]) + before.radius
+        half = camera.width / 2, camera.height / 2
+        aside = np.maximum(*(np.abs(p - h * depths) - h * depths for p, h in zip((x, y), half, strict=True)))
+        found |= (depths > camera.near) & (depths < far) & (aside < reach * max(camera.K[0, 0], camera.K[1, 1]))
+    return found
 
 
 def clearly_nearer(nearest_depth: FloatArray, depth: FloatArray, radius: float) -> BoolArray:
