@@ -75,10 +75,14 @@ def fresh_of(out):
     return int(done) - int(earlier or 0)
 
 
+TIMED = ("report.json", "manifest.json", "summary.csv")
+"""Results that hold times, or depend on them."""
+
+
 def contents(output):
     """All files of the items, by path, but those that hold times."""
     root = output / "items"
-    files = (path for path in root.rglob("*") if path.is_file() and path.name not in ("report.json", "manifest.json"))
+    files = (path for path in root.rglob("*") if path.is_file() and path.name not in TIMED)
     return {path.relative_to(root).as_posix(): path.read_bytes() for path in files}
 
 

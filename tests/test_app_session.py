@@ -21,14 +21,17 @@ from gaussian_trimmer.app import edits
 from gaussian_trimmer.app.files import save
 from gaussian_trimmer.app.session import Cancelled, Session, project_as_json, read_project, restore
 from gaussian_trimmer.app.snapshots import PALETTE, TrimChoices
+from gaussian_trimmer.app.words import in_app
 from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.errors import InputError, OutputExistsError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import SH_C0
 from gaussian_trimmer.io.writing import write_private
+from gaussian_trimmer.selecting.interpretation import INTERPRETATIONS
 from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Rows, Sphere, Stroke, read_marks, write_marks
 from gaussian_trimmer.selecting.select import select
-from gaussian_trimmer.trimming.up_vector import FROM_FORMAT
+from gaussian_trimmer.selection_files.selection_file import flag
+from gaussian_trimmer.trimming.up_vector import FROM_FORMAT, UpVector
 
 DEFAULT = TrimChoices()
 
@@ -333,7 +336,7 @@ def test_what_is_saved_is_what_the_command_makes(session, tmp_path, monkeypatch,
     monkeypatch.chdir(tmp_path)
     assert run(*shlex.split(command)[1:], "--quiet") == 0
     for file in (tmp_path / "by app").rglob("*"):
-        if file.is_file() and file.name not in ("report.json", "manifest.json"):
+        if file.is_file() and file.name not in ("report.json", "manifest.json", "summary.csv"):
             assert file.read_bytes() == (tmp_path / "again" / file.relative_to(tmp_path / "by app")).read_bytes(), file
     suffix = format or "ply"
     placed = {f"object_for_{engine}.ply", f"background_for_{engine}.ply", "poses.json"} if engine else set()
@@ -401,3 +404,16 @@ def test_several_objects_share_nothing(session, ball, tmp_path):
     with pytest.raises(ZeroDivisionError):
         save(session.now, tmp_path / "never", None, lambda stage: 1 / 0, together=True)
     assert not (tmp_path / "never").exists()
+
+
+@pytest.mark.parametrize(
+    ("said", "cure"),
+    [
+        (UpVector(np.array([0.0, -1, 0]), "default", 0.0).doubt(), "choose +Y at 'Up is'"),
+        (str(OutputExistsError("out")), "'Replace' beside 'Earlier results'"),
+        (INTERPRETATIONS["around"], "drag 'Tolerance'"),
+        (f"'a.npy' holds scores; choose with {flag('threshold')}, or not. Then go on.", "load it here. Then go on."),
+    ],
+)
+def test_messages_have_the_apps_words_and_no_option(said, cure):
+    assert "--" in said and "--" not in in_app(said) and cure in in_app(said)

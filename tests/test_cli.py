@@ -43,7 +43,7 @@ def test_trim_writes_and_says_everything(ball, tmp_path, capsys):
     assert run(*command, "--output", output) == 0
     assert sorted(path.name for path in output.iterdir()) == [
         "background.ply", "before_after.png", "labels.npz", "manifest.json", "object.ply", "report.html", "report.json",
-        "views",
+        "summary.csv", "views",
     ]  # fmt: skip
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out"]
     labels = np.load(output / "labels.npz", allow_pickle=False)

@@ -1,5 +1,7 @@
 """Inputs that can be read and are wrong: each is told in one sentence, and nothing is trimmed."""
 
+import csv
+
 import numpy as np
 import pytest
 import toy
@@ -176,3 +178,7 @@ def test_the_command_says_that_nothing_was_trimmed(ball, tmp_path, capsys, selec
     written = formats.read(tmp_path / "out" / "object.ply")
     assert len(written) == np.count_nonzero(np.load(ball / selection))
     assert (tmp_path / "out" / "before_after.png").exists()
+    assert "no scene without it" in printed.err and not (tmp_path / "out" / "background.ply").exists()
+    (row,) = csv.DictReader((tmp_path / "out" / "summary.csv").open(newline=""))
+    assert row["state"] == "not trimmed" and said.lower() in row["message"].lower()
+    assert quiet or "background: Not written, since nothing was trimmed." in printed.out

@@ -171,7 +171,7 @@ def test_marks_that_cannot_be():
         gt.select(SCENE, [])
     with pytest.raises(InputError, match="nothing is selected before it"):
         gt.select(SCENE, [Grow(1.0)])
-    with pytest.raises(InputError, match="No Gaussian is selected after the last mark"):
+    with pytest.raises(InputError, match=r"Nothing is selected after the last mark \(a sphere\)"):
         gt.select(SCENE, [Sphere((99.0, 99.0, 99.0), 0.1)])
     with pytest.raises(InputError, match="Mark 1 is a tuple; give"):
         gt.select(SCENE, [(250, 190)])

@@ -193,7 +193,7 @@ def test_masks_that_contradict_the_selection_leave_it_as_it_is(draw, kind):
 def test_cameras_that_do_not_see_the_object_leave_it_as_it_is():
     away = Camera(look_at(np.array([0, -5.0, 1]), np.array([0, -9.0, 1]), UP), intrinsics(1.0, 64, 64), 64, 64)
     result = trim(SCENE, SPECKLED, config=small_config(), view_cameras=[away])
-    assert "the object is hidden or missing in it" in result.objects[0].refused
+    assert "the object is hidden or missing" in result.objects[0].refused
     np.testing.assert_array_equal(object_rows(result), SPECKLED)
 
 

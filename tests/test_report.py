@@ -108,7 +108,7 @@ def test_the_object_alone_leaves_no_empty_background_file(tmp_path):
     ball = scene.select(truth)
     everything = np.ones(len(ball), np.bool_)
     result = toy.trim_by(toy.empty, ball, everything, config=toy.small_config())
-    write_trim(result, {}, tmp_path, ".splat")
+    write_trim(result, describe(result), tmp_path, ".splat")
     assert sorted(path.name for path in tmp_path.glob("*.splat")) == ["object.splat"]
 
 

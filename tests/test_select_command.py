@@ -147,6 +147,16 @@ def test_select_then_trim_reads_the_scene_once(ball, tmp_path, monkeypatch):
         assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
 
 
+def test_an_up_vector_that_was_found_is_not_called_given(ball, tmp_path, capsys):
+    folder = ball[0]
+    command = ["select", folder / "scene.ply", "--add", folder / "rough.npy", "--output", tmp_path / "a.npy", *SMALL]
+    assert run(*command, "--trim", tmp_path / "out") == 0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    up = report["objects"][0]["up"]
+    assert (up["source"], "--up" in report["command"]) == ("ground plane", True)
+    assert 0.4 <= up["confidence"] < 1 and "(given" not in capsys.readouterr().out
+
+
 def test_click_in_a_planned_view(ball, tmp_path, capsys):
     """Without cameras: the views are listed as pictures, the ball is found in one by its colour, and clicked."""
     folder, _, truth = ball

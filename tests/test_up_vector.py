@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 import toy
 
+from gaussian_trimmer import sample
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import read
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
-from gaussian_trimmer.trimming.up_vector import find_up, up_from_cameras, up_from_ground_plane
+from gaussian_trimmer.trimming.up_vector import GROUND_TRIES, find_up, up_from_cameras, up_from_ground_plane
 
 Z = np.array([0.0, 0.0, 1.0])
 TILT = cv2.Rodrigues(np.array([0.5, -0.9, 0.3]))[0]
@@ -252,3 +253,12 @@ def test_far_planes_that_are_neither_upright_nor_level_are_no_ground() -> None:
     points = np.concatenate([thing, slope, cloud])
     rows = np.arange(len(points)) < len(thing)
     assert up_from_ground_plane(gaussians_at(points), rows) is None
+
+
+def test_two_planes_that_agree_are_no_guess() -> None:
+    scene = read(sample.SCENE)
+    rows = np.load(sample.SELECTION)
+    below, whole = up_from_ground_plane(scene, rows), up_from_ground_plane(scene, None, GROUND_TRIES)
+    assert below is not None and whole is not None and not below.is_sure and not whole.is_sure
+    found = find_up(scene, object_rows=rows)
+    assert found.confidence == pytest.approx(below.confidence + whole.confidence) and found.doubt() is None

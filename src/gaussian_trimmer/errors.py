@@ -31,7 +31,6 @@ class OutputExistsError(InputError):
             f"The folder '{folder}' is not empty; choose another one, or replace earlier results: --overwrite, or in "
             "Python overwrite=True."
         )
-        self.folder = folder
 
 
 class FolderInUseError(InputError):

@@ -252,7 +252,8 @@ class Parser(argparse.ArgumentParser):
         name = flag.lstrip("-").replace("_", "-")
         setting = next((known for known in self.settings if name and f".{known}".endswith(f".{name}")), None)
         cure = f"write --set {setting}={metavar_of(self.settings[setting][2])}." if setting else None
-        cure = cure or (did_you_mean(flag, [*known]) if flag.startswith("--") else None) or f"see {self._see}."
+        offered = [one for one in known if not one.startswith("--no-") or known[one].default is True]
+        cure = cure or (did_you_mean(flag, offered) if flag.startswith("--") else None) or f"see {self._see}."
         raise InputError(f"{clip_name(flag)} is not an option or argument of '{self.command}'; {cure}")
 
     def _setting(self, text: str) -> tuple[str, Any]:

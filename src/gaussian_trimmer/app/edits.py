@@ -178,6 +178,7 @@ def trim_object(
         document.scene,
         now.selection_of(part),
         config=choices.config(now.given_up),
+        up=now.up if now.given_up else None,
         cameras=document.cameras,
         progress=progress,
     )

@@ -99,6 +99,8 @@ class Files:
         """Send one of `DOWNLOADS` to the browser; for an engine, with the object upright and its foot at the origin."""
         now = self._session.now
         result, name = fresh_result(now), safe_file_name(now.object.name)
+        if what == WITHOUT and result.nothing_trimmed:
+            raise InputError(f"'{now.object.name}' was not cut out, so there is no scene without it; mark it anew.")
         with TemporaryDirectory() as parent:
             folder = Path(parent, name)
             if what == ALL_FILES:
@@ -166,6 +168,7 @@ def save(
             document.scene,
             {part.name: now.selection_of(part) for part in parts},
             config=now.object.choices.config(now.given_up),
+            up=now.up if now.given_up else None,
             cameras=document.cameras,
             progress=progress,
         )

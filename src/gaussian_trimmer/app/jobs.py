@@ -17,13 +17,13 @@ from gaussian_trimmer import sample
 from gaussian_trimmer.app import edits
 from gaussian_trimmer.app.display import Painter
 from gaussian_trimmer.app.files import DOWNLOADS, Files
-from gaussian_trimmer.app.page import BACKDROPS, PROGRAM_ENDED, REPLACE, WELCOME, Page, Panels
+from gaussian_trimmer.app.page import BACKDROPS, PROGRAM_ENDED, WELCOME, Page, Panels
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Cancelled, Session
 from gaussian_trimmer.app.snapshots import Progress
 from gaussian_trimmer.app.viewpoints import Event, Frame, Showing, compared, due_after, showing_after
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.errors import InputError, OutputExistsError
+from gaussian_trimmer.errors import InputError
 
 Job = Callable[[], None]
 
@@ -237,8 +237,6 @@ class Jobs:
                 self.presenter.refresh()
             self.files.keep()
             wrong = False
-        except OutputExistsError as error:
-            text = f"'{error.folder}' is not empty; choose another folder, or '{REPLACE}' beside 'Earlier results'."
         except InputError as error:
             text = str(error)
         except Exception as error:

@@ -20,6 +20,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.app.edits import describe_up
 from gaussian_trimmer.app.snapshots import Colour, Snapshot, TrimChoices
 from gaussian_trimmer.app.viewpoints import COLOURINGS, PARTS, WHENS, Place, Showing
+from gaussian_trimmer.app.words import in_app
 from gaussian_trimmer.cameras import Point, point_of
 from gaussian_trimmer.io.writing import safe_file_name
 from gaussian_trimmer.output.engines import ENGINES, EngineName
@@ -276,7 +277,7 @@ class Panels:
 
     def say(self, text: str, *, wrong: bool = False) -> None:
         """Show a sentence over the picture, now that nothing is going on; a path in single quotes can be copied."""
-        self.status_text = text
+        self.status_text = text = in_app(text)
         self._page.show(said=text, wrong=wrong, share=None)
 
     def busy(self, doing: str, share: float) -> None:

@@ -13,7 +13,6 @@ from pathlib import Path
 from signal import SIGINT
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
@@ -28,22 +27,17 @@ from gaussian_trimmer.commands.manifest import (
     checked_name,
     option_words,
     read_manifest,
-    write_table,
 )
 from gaussian_trimmer.commands.pools import on_processes, on_ray
 from gaussian_trimmer.errors import InputError, clip_name, printable, user_message
 from gaussian_trimmer.formats.identify import identify
-from gaussian_trimmer.gaussians import Gaussians, quaternions_of
+from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.folders import is_complete, remove_leftovers
 from gaussian_trimmer.io.reading import is_file, is_folder, read_json
-from gaussian_trimmer.io.writing import Stopped, make_folder
+from gaussian_trimmer.io.writing import Stopped, make_folder, write_table
+from gaussian_trimmer.output.report import SUMMARY, SUMMARY_COLUMNS, summary_rows
 from gaussian_trimmer.parser import Parser
 from gaussian_trimmer.settings import Range
-
-SUMMARY = "summary.csv"
-_COUNTS = ("selected", "object", "kept", "cut", "removed", "discarded", "added")
-_BOX = ("x", "y", "z", "length", "width", "height", "qw", "qx", "qy", "qz")
-COLUMNS = ("name", "state", "message", *_COUNTS, *_BOX, "up_confidence", "seconds", "scene", "selection")
 
 ABOUT = """Trim many objects of many scenes, listed in manifests. What an earlier run has finished is not done again.
 
@@ -107,7 +101,7 @@ def run(arguments: Namespace) -> None:
             _remove_rest(folders[item.name], output.absolute())
     rows = [_row_of(item, folders[item.name], failures.get(item.name, "")) for item in items]
     make_folder(output)
-    write_table([{name: _as_text(cell) for name, cell in row.items()} for row in rows], output / SUMMARY)
+    write_table(rows, output / SUMMARY, for_people=True)
     found = f" ({earlier} earlier)" if earlier else ""
     lost = f", {len(failures)} failed" if failures else ""
     console.print(f"{len(mine) - len(failures)} of {len(mine)} done{found}{lost}; see {output / SUMMARY}.")
@@ -227,36 +221,14 @@ def _remove_rest(folder: Path, output: Path) -> None:
 
 def _row_of(item: Item, folder: Path, failure: str) -> dict[str, Any]:
     """Return what the summary says of an item: the numbers of its report, or why there is none."""
-    row = dict.fromkeys(COLUMNS, "") | {"name": item.name, "state": "left", "message": failure}
+    row = dict.fromkeys(SUMMARY_COLUMNS, "") | {"name": item.name, "state": "left", "message": failure}
     if failure or not _is_made(item, folder):
         return row | ({"state": "failed"} if failure else {})
     try:
-        return row | _numbers_of(read_json(folder / "report.json"))
+        (found,) = summary_rows(read_json(folder / "report.json"))
+        return found | {"name": item.name}
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"The report in '{folder}' is damaged; delete that folder, and start again.") from error
-
-
-def _numbers_of(report: dict[str, Any]) -> dict[str, Any]:
-    """Return what the summary says of a trim, from its report."""
-    (entry,) = report["objects"]
-    counts, bounds = report["counts"] | entry["counts"], entry["bounds"]
-    box = [*bounds["centre"], *(2 * np.array(bounds["half_extents"]))]
-    box += quaternions_of(np.array(bounds["axes"]).T[None])[0].tolist()
-    return {
-        "state": "not trimmed" if entry["refused"] else "done",
-        "message": entry["refused"] or " ".join(entry["warnings"]),
-        **{name: counts[name] for name in _COUNTS},
-        **{name: round(float(number), 6) for name, number in zip(_BOX, box, strict=True)},
-        "up_confidence": entry["up"]["confidence"],
-        "seconds": round(sum(report["seconds"].values()), 3),
-        "scene": report["inputs"]["scene"],
-        "selection": report["inputs"]["selection"] or "",
-    }
-
-
-def _as_text(cell: object) -> object:
-    """Return a cell that a spreadsheet does not take for a formula."""
-    return f"'{cell}" if isinstance(cell, str) and cell.startswith(("=", "+", "-", "@", "\t", "\r")) else cell
 
 
 @contextmanager

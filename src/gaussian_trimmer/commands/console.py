@@ -131,10 +131,12 @@ def print_warnings(report: Mapping[str, Any]) -> None:
     """
     from gaussian_trimmer.trimming.result import title_of  # late: conversions need no trimmer
 
-    found: dict[str, list[str]] = {}
+    found, alone = dict[str, list[str]](), ""
+    if all(entry["refused"] for entry in report["objects"]):
+        alone = ", and no scene without it"
     for entry in sorted(report["objects"], key=lambda entry: not entry["refused"]):
         why = entry["refused"] or ""
-        refused = f"Not trimmed. {why[:1].upper()}{why[1:].rstrip('.')}. The selection was written unchanged."
+        refused = f"Not trimmed. {why[:1].upper()}{why[1:].rstrip('.')}. The selection was written unchanged{alone}."
         for sentence in [*([refused] if why else []), *entry["warnings"]]:
             found.setdefault(sentence, []).append(title_of(entry["name"]))
     for sentence, titles in found.items():

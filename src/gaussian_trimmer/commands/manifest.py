@@ -13,7 +13,7 @@ from typing import Any
 
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.io.reading import is_file
-from gaussian_trimmer.io.writing import safe_file_name, write_whole
+from gaussian_trimmer.io.writing import safe_file_name
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.selection_files.kinds import count_ids
 from gaussian_trimmer.selection_files.selection_file import open_selection
@@ -94,19 +94,6 @@ def check_names(items: Iterable[Item]) -> None:
                 f"The folder of item '{clip_name(inner)}' would lie in that of '{clip_name(min(outer))}'; give one of "
                 "them another name."
             )
-
-
-def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
-    """Write rows, which have the same columns, as a table.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_whole(path, text.getvalue())
 
 
 def option_words(text: str) -> list[str]:

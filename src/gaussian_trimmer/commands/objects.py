@@ -13,14 +13,14 @@ from rich.console import Console
 
 from gaussian_trimmer.commands.arguments import add_scene, add_trimming, config_of
 from gaussian_trimmer.commands.console import console_of, in_lengths, print_json, print_up, progress_over_stages
-from gaussian_trimmer.commands.manifest import FOUND_OBJECTS, write_table
+from gaussian_trimmer.commands.manifest import FOUND_OBJECTS
 from gaussian_trimmer.commands.trim_run import Request, add_results, read_scene, scene_name, trim_into, words_again
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.found import FindConfig, FoundObjects, chosen_objects
 from gaussian_trimmer.finding.saving import FOUND_FILES, write_found
 from gaussian_trimmer.io.folders import atomic_folder, is_made_of
-from gaussian_trimmer.io.writing import safe_file_name
+from gaussian_trimmer.io.writing import safe_file_name, write_table
 from gaussian_trimmer.parser import PROGRAM, Parser
 from gaussian_trimmer.trimming.up_vector import UpVector, find_up
 
@@ -112,7 +112,7 @@ def run(arguments: Namespace) -> int:
     if labels is not None:
         words = words_again("trim", arguments, labels=labels, objects=tuple(objects), up=known_up)
     inputs = {"scene": scene_file, "labels": labels, "cameras": arguments.cameras}
-    request = Request(scene, cameras, objects, words, inputs, up=known_up)
+    request = Request(scene, cameras, objects, words, inputs, up=up)
     return trim_into(arguments.trim, arguments, console, lambda: request, files=[scene_file])
 
 

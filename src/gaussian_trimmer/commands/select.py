@@ -40,7 +40,7 @@ from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.settings import Range
 from gaussian_trimmer.surface.overview import Overview, OverviewConfig, drawn_rows, plan_views
 from gaussian_trimmer.trimming.result import THE_OBJECT
-from gaussian_trimmer.trimming.up_vector import UpVector, find_up
+from gaussian_trimmer.trimming.up_vector import UpVector, find_up, up_text
 
 ABOUT = """Select an object roughly: by clicks and boxes in views, other selections, or masks of training pictures.
 
@@ -122,16 +122,17 @@ def _select(arguments: Namespace, path: Path, console: Console) -> Request:
         console.print(f"{path}: {np.count_nonzero(labels):,} of {len(scene):,} Gaussians, {n_masks} masks")
         return Request(scene, cameras, {THE_OBJECT: Selection(labels != 0)}, _next_words(arguments, path), inputs)
     up = find_up(scene, cameras, arguments.up)
-    print_up(console, up)
     made = select(scene, _resolved(arguments, scene, cameras, up), cameras=cameras)
     made.save(path)
     ends = np.percentile(scene.means[made.mask] @ up_frame(up.direction).T, _END_PERCENTILES, axis=0)
-    size, understood = in_lengths(np.ptp(ends, axis=0)), ", ".join(made.interpretations)
+    size, understood = in_lengths(np.ptp(ends, axis=0)), "; then ".join(made.interpretations)
     count = f"{np.count_nonzero(made.mask):,} of {len(scene):,} Gaussians"
     console.print(f"{path}: {count}, {size}, {understood}")
+    if arguments.trim is None:  # else the trim says what it found for the object
+        console.print(f"up: {up_text(**vars(up))}")
     known_up = config_of(arguments).up or up.for_trims()
     words = _next_words(arguments, path, made.marks, known_up)
-    return Request(scene, cameras, {THE_OBJECT: made}, words, inputs, made.marks, known_up)
+    return Request(scene, cameras, {THE_OBJECT: made}, words, inputs, made.marks, up)
 
 
 def _resolved(arguments: Namespace, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Marks:

@@ -7,7 +7,7 @@ import time
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,17 +30,18 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.folders import atomic_folder
+from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.masks.mask_files import read_masks
 from gaussian_trimmer.masks.sam import draw_masks
 from gaussian_trimmer.output.report import describe, sentences
 from gaussian_trimmer.output.saving import PAGE, PICTURE, RESULTS, result_files, write_trim
 from gaussian_trimmer.parser import Parser
 from gaussian_trimmer.selecting.marks import Click, Marks, write_marks
-from gaussian_trimmer.settings import Vector
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
 from gaussian_trimmer.trimming.clock import Progress
 from gaussian_trimmer.trimming.result import THE_OBJECT, TrimResult, title_of
 from gaussian_trimmer.trimming.trim import trim_objects
+from gaussian_trimmer.trimming.up_vector import UpVector
 
 NOTHING_TRIMMED = 3
 """Exit code where the inputs could be read, but the selections were written unchanged."""
@@ -66,8 +67,8 @@ class Request:
     """What the report says of what the trim is made from."""
     marks: Marks | None = None
     """The marks that selected the one object, if that is what did."""
-    up: Vector | None = None
-    """The up vector of the whole scene, if it is sure: no object searches for its own then."""
+    up: UpVector | None = None
+    """The up vector of the whole scene; if it is sure, no object searches for its own."""
     excluded: BoolArray | None = None
     """Which Gaussians join no object, (N,)."""
 
@@ -137,6 +138,8 @@ def trim_into(
         InputError: something that the user gave cannot be used; nothing has been written then.
     """
     start = time.perf_counter()
+    if arguments.sam is not None and not is_folder(arguments.sam):
+        raise InputError(f"There is no folder '{arguments.sam}'; --sam names that of a SAM or SAM 2.")
     with _begin(folder, arguments, files, source) as part, progress_over_stages(console) as stage:
         stage("read")
         request = read()
@@ -165,20 +168,19 @@ def _begin(
 
 def _trim(request: Request, arguments: Namespace, stage: Progress) -> TrimResult:
     """Trim, with masks from files or of a model if they were asked for."""
-    scene, objects, cameras, excluded = request.scene, request.objects, request.cameras, request.excluded
-    config = config_of(arguments) if request.up is None else replace(config_of(arguments), up=request.up)
+    scene, objects, config = request.scene, request.objects, config_of(arguments)
+    up = request.up if request.up is not None and request.up.for_trims() and config.up is None else None
+    given: dict[str, Any] = {"config": config, "cameras": request.cameras, "excluded": request.excluded, "up": up}
     folder, sam, paper = getattr(arguments, "own_masks", None), arguments.sam, arguments.preset == "paper"
-    masks = None if folder is None else read_masks(folder, cameras)
+    masks = None if folder is None else read_masks(folder, request.cameras)
     labels = isinstance(objects, np.ndarray)
     number = len(np.unique(objects[objects > 0])) if labels else len(objects)
     if number > 1 and (sam is not None or paper):
         raise InputError("--sam and --preset paper are for one object; trim the objects one by one.")
     if masks is None and number == 1:
         selection = objects > 0 if labels else next(iter(objects.values()))
-        masks = draw_masks(
-            scene, selection, sam=sam, paper=paper, progress=stage, config=config, cameras=cameras, excluded=excluded
-        )
-    return trim_objects(scene, objects, config=config, masks=masks, cameras=cameras, excluded=excluded, progress=stage)
+        masks = draw_masks(scene, selection, sam=sam, paper=paper, progress=stage, **given)
+    return trim_objects(scene, objects, masks=masks, progress=stage, **given)
 
 
 def _write(
@@ -203,7 +205,8 @@ def _written(report: Mapping[str, Any], arguments: Namespace) -> str:
     """Return the names of the most important files, and that there are others."""
     names = [entry["file"] for entry in report["objects"] if entry["file"]]
     names = names if len(names) <= _LISTED else [f"{names[0]} to {names[-1]}"]
-    if arguments.write_background and report["counts"]["background"]:
+    counts = report["counts"]
+    if arguments.write_background and counts["background"] and counts["refused"] < counts["objects"]:
         names.append(f"background{suffix_for(arguments)}")
     return f"{', '.join([*names, PAGE if arguments.html else PICTURE])} and the rest"
 

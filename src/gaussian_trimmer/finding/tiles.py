@@ -279,7 +279,7 @@ def _agreed(candidate: Candidate, rows: IntArray, count: int, confidence: float)
     """Doubt what few tiles agree on, what is cut off, and what is too small to tell."""
     doubts = []
     if count < _MIN_ALIKE:
-        doubts.append("found alike in few tiles")
+        doubts.append("outlined alike in few tiles")
     if candidate.reaches_ceiling:
         doubts.append("reaches up to the ceiling")
     if len(rows) < _MIN_SURE:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from glob import escape
 from pathlib import Path
 from typing import Literal
 
@@ -128,9 +129,13 @@ class Identity:
         """The splat file: itself, or in the folder of a training that of the latest iteration.
 
         Raises:
-            InputError: the folder holds no splat file, or several that could be meant.
+            InputError: the folder holds no splat file, or several that could be meant; or it is no file.
         """
-        return _latest_splats(self.path) if self.kind in ("folder", "results") else self.path
+        if self.kind in ("folder", "results"):
+            return _latest_splats(self.path)
+        if self.kind == "unknown":
+            _refuse_missing(self.path)
+        return self.path
 
     @property
     def selections(self) -> list[tuple[Path, MethodFile]]:
@@ -202,6 +207,15 @@ class Identity:
                 "sparse/0 or sparse, nor a transforms.json or cameras.json."
             )
         return found[0]
+
+
+def _refuse_missing(path: Path) -> None:
+    """Refuse a scene of unknown kind that is no file, and say which file may be meant."""
+    if path.exists() and not is_file(path):
+        raise InputError(f"'{path}' is a device or a pipe; save what comes from it as a file, such as scene.ply.")
+    if not path.exists():
+        near = [str(other) for other in sorted(path.parent.glob(f"{escape(path.name)}.*")) if _known_suffix(other.name)]
+        raise InputError(f"There is no file '{path}'" + (f"; did you mean '{near[0]}'?" if near else "."))
 
 
 def format_suffix(path: str | Path) -> str:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import os
 import signal
 import time
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -179,6 +180,28 @@ def write_json(document: Any, path: Path) -> None:
     write_whole(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
 
 
+def write_table(rows: Sequence[Mapping[str, Any]], path: Path, *, for_people: bool = False) -> None:
+    """Write rows, which have the same columns, as a .csv.
+
+    Args:
+        rows: at least one.
+        path: the file.
+        for_people: keep spreadsheets from taking a text for a formula, by an apostrophe before it.
+
+    Raises:
+        InputError: as `atomic_file`.
+    """
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(rows[0])
+    writer.writerows([_as_text(cell) if for_people else cell for cell in row.values()] for row in rows)
+    write_whole(path, text.getvalue())
+
+
+def _as_text(cell: object) -> object:
+    return f"'{cell}" if isinstance(cell, str) and cell.startswith(("=", "+", "-", "@", "\t", "\r")) else cell
+
+
 def write_array(file: BinaryIO, array: NDArray[Any]) -> None:
     """Write the bytes of an array in C order; unlike `ndarray.tofile`, notice when the last of them do not fit.
 
@@ -192,7 +215,7 @@ def npy_bytes(array: NDArray[Any]) -> bytes:
     """Return the bytes of an .npy file."""
     import numpy as np
 
-    buffer = BytesIO()
+    buffer = io.BytesIO()
     np.save(buffer, array, allow_pickle=False)
     return buffer.getvalue()
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:  # conversions need neither kernels nor a trimmer
     from gaussian_trimmer.trimming.result import TrimResult
     from gaussian_trimmer.trimming.up_vector import UpVector
 
-EngineName = Literal["blender", "cesium", "playcanvas", "three", "unity", "unreal"]
+EngineName = Literal["blender", "cesium", "playcanvas", "three", "unity", "unreal", "web"]
 Origin = Literal["foot", "centre", "scene"]
 POSES = "poses.json"
 """Name of the file that says where the files for a program lie in the scene."""
@@ -59,6 +59,7 @@ ENGINES: dict[EngineName, Engine] = {
     "three": Engine("three.js", (".spz", ".ply", ".compressed.ply", ".splat", ".sog"), (0.0, 1.0, 0.0)),
     "unity": Engine("Unity", (".ply", ".spz"), _DOWN_Y),
     "unreal": Engine("Unreal", (".ply",), _DOWN_Y),
+    "web": Engine("Web viewers", (".spz", ".ply", ".compressed.ply", ".splat", ".sog"), (0.0, 1.0, 0.0)),
 }
 assert tuple(ENGINES) == get_args(EngineName)
 
@@ -172,7 +173,7 @@ class PlacingOptions:
             lines += [f"f {i} {j} {k}" for i, j, k in triangles + 1]
             write_whole(folder / hull, "\n".join([*lines, ""]))
             poses[name] = place.as_json(part.gaussians) | {"hull": hull}
-        if background and parts and len(result.background):
+        if background and parts and not result.nothing_trimmed and len(result.background):
             place = self.placement(concatenate([part.gaussians for part in parts]), up)
             formats.write(place.apply(result.background), folder / f"background{ending}")
             poses[f"background{ending}"] = place.as_json()

@@ -162,6 +162,7 @@ def report_page(result: TrimResult, report: Mapping[str, Any]) -> str:
         for part, entry, verdict in zip(shown, report["objects"], said, strict=False)
     ]
     seeing = _evenly(cameras_that_see(result.cameras, result.objects[0].bounds), _TRAINING_CAMERAS)
+    seeing = [] if result.nothing_trimmed else seeing
     layers = {SCENE: result.scene, REST: result.background} if seeing else {}
     scene, selection = (Path(str(report["inputs"].get(name) or "")).name for name in ("scene", "selection"))
     what = f": {len(result.objects)} objects, trimmed" if len(result.objects) > 1 else ", trimmed"
@@ -203,8 +204,7 @@ def _draw_views(result: TrimResult, part: TrimmedObject, most: int) -> list[dict
         OBJECT: part.gaussians,
         CHANGES: coloured_changes(result, part),
         SCENE: nearby_scene(result, part),
-        REST: nearby_background(result, part),
-    }
+    } | ({} if result.nothing_trimmed else {REST: nearby_background(result, part)})
     figures = []
     for number in sorted([*few, *_evenly(accepted, most - len(few))]):
         view, camera = part.views[number], part.views[number].view.camera

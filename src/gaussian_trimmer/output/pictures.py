@@ -93,6 +93,7 @@ def draw_gaussians(gaussians: Gaussians, camera: Camera) -> Picture:
 def draw_before_after(result: TrimResult) -> Picture:
     """Draw the selection, the trimmed object and the scene without it, a row each, from all around.
 
+    There is no row for a scene of which nothing is left, or from which nothing was trimmed.
     Directions from which nothing was judged are framed and say why. The scene's row holds all of it, but not what would
     stand between a camera and the object's surroundings, such as walls. One object is also shown from low and from
     high. Of several, each has a smaller block, from two sides.
@@ -119,8 +120,9 @@ def _draw_object(result: TrimResult, part: TrimmedObject, columns: int, pitches:
     rows = [
         (f"selection: {len(selected):,} Gaussians", selected, cameras),
         (f"{after}: {len(part.gaussians):,} Gaussians", part.gaussians, cameras),
-        (rest, scene, [_past_what_hides(camera, scene, part.bounds) for camera in cameras]),
     ]
+    if len(scene) and not result.nothing_trimmed:
+        rows.append((rest, scene, [_past_what_hides(camera, scene, part.bounds) for camera in cameras]))
     pictures = [_row(*row, verdicts) for row in rows]
     width = pictures[0].shape[1]
     closing = f"not trimmed: {part.refused}" if part.refused else checked_sentence(part, sides[0])

@@ -10,7 +10,7 @@ import numpy as np
 
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, LabelArray
+from gaussian_trimmer.gaussians import BoolArray, LabelArray, quaternions_of
 from gaussian_trimmer.io.writing import safe_file_name
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.result import THE_OBJECT, RowLabel, TrimmedObject, TrimResult
@@ -30,14 +30,40 @@ _SIDES = ("at 0 degrees", "at 180 degrees", "at 90 degrees", "at 270 degrees", "
 """The ends of the axes of an object's bounds; degrees of yaw as in the pictures."""
 _FAR_OFF = 2.0
 """Half extents from the centre beyond which Gaussians are of no side."""
+SUMMARY = "summary.csv"
+_COUNTS = ("selected", "object", "kept", "cut", "removed", "discarded", "added")
+_BOX = ("x", "y", "z", "length", "width", "height", "qw", "qx", "qy", "qz")
+SUMMARY_COLUMNS = ("name", "state", "message", *_COUNTS, *_BOX, "up_confidence", "seconds", "scene", "selection")
+"""Columns of the table of all objects of a trim or a batch."""
 _FATES = {
     "kept": "kept",
     "cut": "cut at the outline",
     "removed": "removed",
     "discarded": "discarded",
-    "went_to_other_objects": "went to other objects",
+    "went_to_other_objects": "given to other objects",
 }
 """What becomes of selected Gaussians, by the names of the counts: each is counted once."""
+
+
+def summary_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return a row of a table for each object of a report, with `SUMMARY_COLUMNS`: the box is its `bounds`."""
+    rows, alone = list[dict[str, Any]](), len(report["objects"]) == 1
+    for entry in report["objects"]:
+        bounds, counts = entry["bounds"], entry["counts"]
+        box = [*bounds["centre"], *(2 * np.array(bounds["half_extents"]))]
+        box += quaternions_of(np.array(bounds["axes"]).T[None])[0].tolist()
+        cells = [
+            entry["name"],
+            "not trimmed" if entry["refused"] else "done",
+            entry["refused"] or " ".join(entry["warnings"]),
+            *(counts[name] for name in _COUNTS),
+            *(round(float(number), 6) for number in box),
+            entry["up"]["confidence"],
+            round(sum((report if alone else entry)["seconds"].values()), 3),
+            *(report["inputs"].get(name) or "" for name in ("scene", "selection")),
+        ]
+        rows.append(dict(zip(SUMMARY_COLUMNS, cells, strict=True)))
+    return rows
 
 
 def describe(
@@ -71,6 +97,8 @@ def sentences(report: Mapping[str, Any]) -> list[str]:
     What may be wrong is not among it: these are sentences already, the `warnings` of each object.
     """
     counts, ups = report["counts"], {up_text(**entry["up"]) for entry in report["objects"]}
+    if counts["refused"] == counts["objects"]:
+        return [*map(_of_object, report["objects"]), "Not written, since nothing was trimmed."]
     said = [f"{counts['background']:,} Gaussians"]
     said += [f"{counts['hidden']:,} that only objects hid discarded"] if counts["hidden"] else []
     said += [f"{counts['unusable']:,} unusable rows left out"] if counts["unusable"] else []
@@ -278,7 +306,9 @@ def shrunk_side(part: TrimmedObject, positions: np.ndarray, gone: BoolArray) -> 
     if part.refused or not shrunk.any():
         return None
     most = int(np.argmax(lost * shrunk))
-    return f"{lost[most]:,} of {total[most]:,} selected Gaussians {_SIDES[most]} are not in the object"
+    share = 100 * lost[most] / total[most]
+    counts = f"{lost[most]:,} of {total[most]:,} Gaussians"
+    return f"It lost {share:.0f} % of what was selected {_SIDES[most]} ({counts}); look there first"
 
 
 def _describe_camera(camera: Camera) -> dict[str, Any]:

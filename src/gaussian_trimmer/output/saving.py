@@ -14,11 +14,11 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.glb import write_objects
 from gaussian_trimmer.io.folders import atomic_folder
-from gaussian_trimmer.io.writing import write_json, write_whole
+from gaussian_trimmer.io.writing import write_json, write_table, write_whole
 from gaussian_trimmer.output.engines import PlacingOptions
 from gaussian_trimmer.output.pages import report_page
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
-from gaussian_trimmer.output.report import changed_settings, describe, file_stems
+from gaussian_trimmer.output.report import SUMMARY, changed_settings, describe, file_stems, summary_rows
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.trimming.result import RowLabel, TrimResult
 from gaussian_trimmer.views.view import TrimmedView
@@ -38,8 +38,8 @@ def save(
 ) -> Path:
     """Write what the command line writes, and return the folder, which appears whole or not at all.
 
-    That is objects and background as splat files, `labels.npz`, `report.json`, `before_after.png` and, of one object,
-    `views/`. An empty background is not written.
+    That is objects and background as splat files, `labels.npz`, `report.json`, `summary.csv`, `before_after.png` and,
+    of one object, `views/`. Where nothing was trimmed, or nothing is left, no background is written.
 
     Args:
         result: the trim.
@@ -85,19 +85,20 @@ def write_trim(
         report: what `describe` returns.
         folder: where to write.
         suffix: ending of the splat files, one of `formats.FORMATS`.
-        background: write the background too, which is nearly as large as the scene. Without a single Gaussian, as an
-            object that was given alone can leave it, it is not written.
+        background: write the background too, which is nearly as large as the scene. It is not written where nothing was
+            trimmed, or without a single Gaussian, as an object that was given alone can leave it.
         html: also write `report.html`.
 
     Raises:
         InputError: a file cannot be written, or the format cannot hold the Gaussians.
     """
-    before_after = draw_before_after(result)
+    before_after, background = draw_before_after(result), background and not result.nothing_trimmed
     files: list[Callable[[], None]] = [
         lambda: write_picture(before_after, folder / PICTURE),
         lambda: _write_splats(result, folder, suffix, background),
         lambda: _write_labels(result, folder / "labels.npz"),
         lambda: write_json(report, folder / "report.json"),
+        lambda: write_table(summary_rows(report), folder / SUMMARY, for_people=True),
     ]
     if len(result.objects) == 1:
         (folder / "views").mkdir()
@@ -112,7 +113,7 @@ def result_files(suffix: str, *, html: bool = False) -> tuple[str, ...]:
     """Return patterns of the names of all files that are written, by the ending of the splat files."""
     names = (f"object{suffix}", f"object_*{suffix}", "views/[0-9][0-9].png", f"background{suffix}", "labels.npz")
     together = [ALL_OBJECTS] if suffix == ".glb" else []
-    return (*names, "report.json", PICTURE, *together, *([PAGE] if html else []))
+    return (*names, "report.json", SUMMARY, PICTURE, *together, *([PAGE] if html else []))
 
 
 def suffix_of(format: str) -> str:

@@ -54,7 +54,7 @@ INTERPRETATIONS = {
     "piece": "an object that stands on a surface",
     "alone": "all that is seen there, with nothing beside it",
     "part": "the part in the box, its back included",
-    "around": "the region around the click, as nothing there stands on a surface; drag 'Tolerance', or draw around it",
+    "around": "the region around the click, as nothing there stands on a surface; a --box around it may do better",
     "colour": "what goes on from there in a colour like it",
     "size": "the next larger or smaller thing there, as the click was made again",
     "region": "the region around the click, by which the boundary moved",
@@ -217,8 +217,10 @@ def apply_marks(scene: Gaussians, marks: Marks, cameras: CameraSet | None) -> Se
     for mark in marks.marks:
         state = interpreter.apply(state, mark)
     if not state.mask.any():
+        low, high = (" ".join(f"{x:.4g}" for x in ends) for ends in (scene.means.min(axis=0), scene.means.max(axis=0)))
         raise InputError(
-            "No Gaussian is selected after the last mark; check that the cameras, masks and views belong to this scene."
+            f"Nothing is selected after the last mark ({state.interpretations[-1]}); check that it belongs to this "
+            f"scene, which reaches from {low} to {high}."
         )
     return replace(state, marks=marks)
 

@@ -77,7 +77,10 @@ def load_selection(
     for note in file.notes:
         say(f"{path.name}: {note}")
     if not selection.any():
-        raise InputError(f"'{path.name}', read as the kind '{name}', selects none of the {len(gaussians)} Gaussians.")
+        raise InputError(
+            f"'{path.name}', read as the kind '{name}', selects none of the {len(gaussians)} Gaussians; check that it "
+            f"was made for this scene, or choose another kind with {flag('kind')}."
+        )
     return selection
 
 
@@ -140,7 +143,8 @@ def _detect(file: SelectionFile, n: int, options: SelectionOptions) -> str:
         names = arrays_that_select(file, n, options)
         choose = f"; name an array, such as {flag('property', names[0])}" if names else ""
         raise InputError(
-            f"'{file.path.name}' with {file.content} is not a selection for {n} Gaussians with these options{choose}."
+            f"'{file.path.name}' holds {file.content}, which does not select from {n} Gaussians: that takes {n} "
+            f"booleans, scores or ids, or numbers of rows{choose}."
         )
     return offered[0]
 

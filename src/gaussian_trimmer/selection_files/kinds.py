@@ -96,6 +96,8 @@ def select_indices(file: SelectionFile, gaussians: Gaussians, options: Selection
     rows, n = file.vector(options, *INDEX_NAMES), len(gaussians)
     if rows is None or rows.dtype.kind not in "iu":
         raise InputError(f"'{file.path.name}' holds no one-dimensional array of integers that could be row numbers.")
+    if not rows.size:
+        raise InputError(f"'{file.path.name}' holds no number; give the numbers of the selected rows, from 0.")
     distinct = len(np.unique(rows))
     if file.is_list and len(rows) > distinct >= _LEAST_DISTINCT * len(rows):
         file.notes.append(f"{len(rows) - distinct} of {len(rows)} numbers stand there more than once")

@@ -38,7 +38,7 @@ def check_masks(
         silhouette, reason = view.silhouette, None
         overlap = mask_overlap(mask, silhouette)
         if not silhouette.any():
-            reason = "the object is hidden or missing in it"
+            reason = "the object is hidden or missing"
         elif judged and overlap < least:
             reason = f"the mask overlaps the expected silhouette by {overlap:.2f}; {least:.2f} is needed"
         checked.append(TrimmedView(view, mask, reason, judged))

@@ -86,6 +86,7 @@ def set_up(
         cameras=as_camera_set(cameras),
         view_cameras=view_cameras,
         excluded=mask_of_excluded(excluded, len(scene)),
+        up=up if isinstance(up, UpVector) else None,
     )
     return setup, rough
 
@@ -246,7 +247,7 @@ def settings(
             raise InputError(f"{views} views cannot be had beside {len(view_cameras)} view_cameras; leave one out.")
     if views is not None:
         config = replace(config, plan=replace(config.plan, views=views))
-    if up is not None:
+    if up is not None and not isinstance(up, UpVector):
         config = replace(config, up=vector_of_up(up))
     check_settings(config)
     return config

@@ -89,7 +89,7 @@ def decide_all(setup: Setup, rough: Sequence[RoughObject], clock: Clock) -> list
     selected = np.zeros(len(setup.scene), np.bool_)
     for part in rough:
         selected[part.rows] = True
-    up = find_up(setup.scene, setup.cameras, setup.config.up, selected)
+    up = setup.up or find_up(setup.scene, setup.cameras, setup.config.up, selected)
     if up.source in KNOWN_SOURCES:
         setup = replace(setup, up=up, up_warning=up_warning(setup.scene, selected, up))
 

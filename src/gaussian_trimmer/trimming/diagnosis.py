@@ -17,7 +17,7 @@ from gaussian_trimmer.geometry.graphs import nearest
 from gaussian_trimmer.geometry.limits import lost_places
 from gaussian_trimmer.geometry.planes import median_radius
 from gaussian_trimmer.geometry.storey import find_storey, sampled
-from gaussian_trimmer.trimming.up_vector import UpVector, up_from_ground_plane
+from gaussian_trimmer.trimming.up_vector import GROUND_TRIES, UpVector, up_from_ground_plane
 from gaussian_trimmer.views.virtual_cameras import cameras_that_see
 
 _NEIGHBOURS = 8
@@ -39,8 +39,6 @@ have at most a quarter of their surroundings'."""
 _MAX_TILT_DEGREES = 30.0
 _MIN_FLOOR = 0.4
 """Smallest area of a level layer, relative to an upright one, which makes that a wall and not the ground."""
-_GROUND_TRIES = 400
-"""Planes that are tried for a ground which is only to be compared with up."""
 _MIN_GROUND_CONFIDENCE = 0.2
 """Confidence in a ground plane from which on it can disagree with an up vector."""
 
@@ -91,7 +89,7 @@ def up_warning(scene: Gaussians, selection: BoolArray, up: UpVector) -> str | No
     """
     if up.source != "camera axes":
         return None
-    ground = up_from_ground_plane(scene, selection, _GROUND_TRIES)
+    ground = up_from_ground_plane(scene, selection, GROUND_TRIES)
     if ground is None or ground.confidence < _MIN_GROUND_CONFIDENCE:
         return None
     tilt = np.degrees(np.arccos(np.clip(up.direction @ ground.direction, -1, 1)))

@@ -130,6 +130,11 @@ class TrimResult:
         more = f" and {len(self.objects) - _LISTED} more" if len(self.objects) > _LISTED else ""
         return f"<TrimResult: {parts}{more}, and a background of {len(self.background_source):,} Gaussians>"
 
+    @property
+    def nothing_trimmed(self) -> bool:
+        """Whether every object is as it was selected, so that a scene without them would be a guess."""
+        return all(part.refused for part in self.objects)
+
     @cached_property
     def background(self) -> Gaussians:
         """The scene without the objects."""

@@ -20,6 +20,7 @@ from gaussian_trimmer.trimming.clock import Clock, Progress
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.decision import Decision, decide_all, look
 from gaussian_trimmer.trimming.result import THE_OBJECT, TrimResult
+from gaussian_trimmer.trimming.up_vector import UpVector
 from gaussian_trimmer.views.view import View
 
 
@@ -32,7 +33,7 @@ def trim(
     cameras: CameraSet | Sequence[Camera] | None = None,
     views: int | None = None,
     view_cameras: Sequence[Camera] | None = None,
-    up: str | ArrayLike | None = None,
+    up: str | ArrayLike | UpVector | None = None,
     excluded: ArrayLike | None = None,
     progress: Progress = lambda stage: None,
 ) -> TrimResult:
@@ -72,7 +73,7 @@ def trim_objects(
     cameras: CameraSet | Sequence[Camera] | None = None,
     views: int | None = None,
     view_cameras: Sequence[Camera] | None = None,
-    up: str | ArrayLike | None = None,
+    up: str | ArrayLike | UpVector | None = None,
     excluded: ArrayLike | None = None,
     progress: Progress = lambda stage: None,
 ) -> TrimResult:
@@ -94,7 +95,8 @@ def trim_objects(
             the range of angles from which an object was observed.
         views: number of virtual views of each object, in place of `config.plan.views`.
         view_cameras: cameras to look from in place of virtual ones: the "no virtual cameras" ablation.
-        up: the up vector in the scene's coordinates, in place of `config.up`: three numbers, or an axis, "z" or "-y".
+        up: the up vector in the scene's coordinates, in place of `config.up`: three numbers, an axis, "z" or "-y", or
+            as `find_up` returns it.
         excluded: booleans (N,), which Gaussians become part of no object unless they are selected.
         progress: called with the name of each stage when it begins, or with "object ID" when an object's turn comes.
 
@@ -127,7 +129,7 @@ def views_to_segment(
     cameras: CameraSet | Sequence[Camera] | None = None,
     views: int | None = None,
     view_cameras: Sequence[Camera] | None = None,
-    up: str | ArrayLike | None = None,
+    up: str | ArrayLike | UpVector | None = None,
     excluded: ArrayLike | None = None,
 ) -> tuple[list[View], Gaussians]:
     """Return the views that a trim with these arguments looks from, in order of yaw, and the Gaussians that they show.

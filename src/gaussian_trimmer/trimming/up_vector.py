@@ -38,7 +38,8 @@ floor."""
 _SAMPLE_SIZE = 20_000
 _SCORED_POINTS = 4_000
 _OBJECT_SAMPLE_SIZE = 1_000
-_HYPOTHESES = 2_000
+_HYPOTHESES, GROUND_TRIES = 2_000, 400
+"""Planes that are tried, the second number for a ground which is only to be compared with up."""
 _PLANES_AT_ONCE = 64
 _POINTS_AT_ONCE = 1 << 14
 _MOST_CANDIDATES = 20 * _SAMPLE_SIZE
@@ -69,7 +70,8 @@ class UpVector:
     source: str
     """One of: given, camera file, camera axes, mean camera up, ground plane, floor, file format, default."""
     confidence: float
-    """From 0 (a guess) to 1: agreement of the cameras, or share of the Gaussians that lie on the plane."""
+    """From 0 (a guess) to 1: agreement of the cameras, or share of the Gaussians that lie on the plane, or on two
+    planes that agree."""
 
     @property
     def is_sure(self) -> bool:
@@ -137,7 +139,10 @@ def find_up(
     if cameras is not None and cameras.up is not None:
         return UpVector(unit_up(cameras.up), "camera file", 1.0)
     found = up_from_cameras(cameras.cameras) if cameras is not None else None
-    found = found or _up_from_ground(gaussians, object_rows) or up_from_layers(gaussians)
+    found = found or _up_from_ground(gaussians, object_rows)
+    if found is not None and not found.is_sure and object_rows is not None:
+        found = _confirmed(found, gaussians)
+    found = found or up_from_layers(gaussians)
     if found is None and gaussians.format_up is not None:
         return UpVector(unit_up(gaussians.format_up), FROM_FORMAT, _FORMAT_CONFIDENCE)
     return found or UpVector(np.array(DEFAULT_UP), "default", 0.0)
@@ -155,6 +160,14 @@ def _up_from_ground(gaussians: Gaussians, object_rows: BoolArray | None) -> UpVe
         floor = up_from_layers(gaussians)
         return found if floor is None or floor.direction @ found.direction > _AXIS_COSINE else floor
     return found
+
+
+def _confirmed(found: UpVector, scene: Gaussians) -> UpVector:
+    """Return an up vector, with more confidence where the ground of the whole scene says the same."""
+    whole = up_from_ground_plane(scene, None, GROUND_TRIES)
+    if whole is None or found.direction @ whole.direction < _AXIS_COSINE:
+        return found
+    return replace(found, confidence=min(1.0, found.confidence + whole.confidence))
 
 
 def up_from_cameras(cameras: Sequence[Camera]) -> UpVector | None:
