@@ -22,11 +22,12 @@ CLOUD = RNG.uniform(-3, 3, (3000, 3))
 BOUNDS = Bounds(np.array([0.0, 0.0, 1.0]), np.eye(3), np.ones(3))
 
 
-def surfaces_of(*around):
+def surfaces_of(*around, observing=()):
     scene = concatenate([toy.gaussians(part, (0.06,) * 3, toy.RED) for part in (BALL, *around)])
     members = np.arange(len(scene)) < len(BALL)
     above = views_of_place(BOUNDS, 96, above=True)
-    return find_surfaces(RemovalViews(scene, members, members, BOUNDS, views_of_place(BOUNDS, 96), above))
+    views = views_of_place(BOUNDS, 96)
+    return find_surfaces(RemovalViews(scene, members, members, BOUNDS, views, above, observing))
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, 2.0])
@@ -63,6 +64,15 @@ def test_a_wall_is_found_where_parts_of_the_object_lie_behind_it():
     (wall,) = surfaces_of(WALL + np.array([0.1, 0, 0]))
     assert wall.axes[2, 0] > 0.99
     assert wall.origin[0] == pytest.approx(-0.92, abs=0.03)
+
+
+def test_a_wall_faces_the_side_from_which_the_object_was_seen():
+    """From behind a wall the object may show as well, as a picture does where training put no wall behind it."""
+    before, behind = (
+        [toy.camera_at(np.array([x, y, 1.5]), BOUNDS.centre) for y in (-1.0, 0.0, 1.0)] for x in (4.0, -4.0)
+    )
+    assert len(surfaces_of(WALL, observing=before)) == 1
+    assert surfaces_of(WALL, observing=behind) == []
 
 
 def test_the_flat_side_of_a_thing_beside_the_object_is_no_wall():

@@ -42,8 +42,9 @@ _MAX_OPPOSED = -0.5
 def find_surfaces(views: RemovalViews) -> list[Surface]:
     """Return the flat surfaces that an object touches, the largest first: at most one horizontal one, and walls.
 
-    Only views from before a surface that show the object count: behind walls hangs what no photograph shows. Of the
-    layers at the object's end that hold most of what is seen there, those are surfaces that are seen to go on.
+    A surface faces most of the places that the object was seen from. Only views from before it that show the object
+    count: behind walls hangs what no photograph shows. Of the layers at the object's end that hold most of what is seen
+    there, those are surfaces that are seen to go on.
     """
     bounds, members = views.bounds, views.removed
     local = (views.gaussians.means - bounds.centre) @ bounds.axes.T / bounds.radius
@@ -51,11 +52,17 @@ def find_surfaces(views: RemovalViews) -> list[Surface]:
     around = ~members & visible.any(axis=0) & (np.linalg.norm(local, axis=1) < _REACH_RADII)
     if around.sum() < MIN_INLIERS or not members.any():
         return []
-    eyes = (np.array([camera.centre for camera in views.cameras]) - bounds.centre) @ bounds.axes.T
+    eyes, observers = (
+        np.array([(camera.centre - bounds.centre) @ bounds.axes.T for camera in cameras]).reshape(-1, 3)
+        for cameras in (views.cameras, views.observing)
+    )
     eyes /= np.linalg.norm(eyes, axis=1, keepdims=True)
     showing = np.array([sight.of_object for sight in views.sights])
     points, object_points = local[around], local[members]
     free, directions, found = np.ones(len(points), np.bool_), floor_and_wall_directions(), list[Surface]()
+    if len(observers):
+        before = observers @ directions.T > -np.abs(directions) @ bounds.half_extents
+        directions = directions[before.mean(axis=0) > HALF]
 
     @cache
     def weights_from(side: bytes) -> tuple[Float64Array, Float64Array]:
