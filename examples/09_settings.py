@@ -10,5 +10,5 @@ cameras = gt.read_cameras(sample.CAMERAS)
 for background in ("exact", "clean", "filled"):
     config = gt.TrimConfig.of({"background": background, "refine": "off", "plan.size": 256})
     result = gt.trim(scene, rough, cameras=cameras, config=config)
-    counts = gt.describe(result)["objects"][0]["counts"]
+    counts = gt.describe(result)["counts"]
     print(f"{background}: {counts['background']} Gaussians, {counts['hidden']} discarded, {counts['filled']} filled in")

@@ -131,6 +131,9 @@ def _ascii_ply() -> bytes:
 def _read_splats(path: Path) -> None:
     found = formats.read(path)
     assert len(found) > 0
+    blank = found.blank  # rows that cannot be used, with opacities of exactly zero
+    assert not blank.all()
+    found = found.select(~blank)
     for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"):
         values = getattr(found, name)
         assert values.dtype == np.float32 and np.isfinite(values).all(), name
