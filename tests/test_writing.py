@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import signal
+import stat
 import subprocess
 import sys
 from itertools import count
@@ -13,7 +14,7 @@ import pytest
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.folders import atomic_folder, remove_leftovers
-from gaussian_trimmer.io.writing import atomic_file
+from gaussian_trimmer.io.writing import atomic_file, state_folder
 
 OLD = {"object.splat": "old", "report.json": "old", "views/0": "old", "views/1": "old"}
 NEW = {"object.ply": "new", "report.json": "newer", "views/0": "new", "more/0": "new"}
@@ -178,16 +179,37 @@ class TestOverwriting:
         write(tmp_path, OLD, "trim")
         refused(tmp_path, "results of 'trim', which 'views' does not replace", "views", overwrite=True)
 
-    @pytest.mark.parametrize("name", ["../mine", "{}/mine", "", "manifest.json"])
-    def test_a_manifest_cannot_name_files_elsewhere(self, tmp_path, name):
+    @pytest.mark.parametrize("signed", ["nothing", "another file", "another's secret"])
+    def test_a_manifest_that_the_user_did_not_write_names_nothing_to_replace(self, tmp_path, monkeypatch, signed):
+        """It names the user's file, with its size, as well as what came with it."""
         out = tmp_path / "out"
-        fill(tmp_path, {"mine": "mine"})
-        write(out, {"one": "old"})
+        state = os.environ["XDG_STATE_HOME"]
+        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "stranger" if signed == "another's secret" else state))
+        write(out, {"one": "old"} if signed == "another file" else {"one": "old", "notes.txt": "mine"})
+        monkeypatch.setenv("XDG_STATE_HOME", state)
+        fill(out, {"notes.txt": "mine"})
         manifest = json.loads((out / "manifest.json").read_text())
-        manifest["files"] = {name.format(tmp_path): 4, "one": 3}
+        manifest["files"] = {"one": 3, "notes.txt": 4, "../out/one": 3}
+        if signed == "nothing":
+            del manifest["signature"]
         (out / "manifest.json").write_text(json.dumps(manifest))
-        write(out, {"two": "new"})
-        assert contents(tmp_path) == {"mine": "mine", "out/two": "new"}
+        refused(out, r"manifest.json' is in the way .* written by you .* choose another", overwrite=True)
+        assert contents(out) == {"one": "old", "notes.txt": "mine"}
+
+    def test_results_that_were_moved_are_replaced_and_the_secret_is_private(self, tmp_path):
+        write(tmp_path / "out", OLD)
+        (tmp_path / "out").rename(tmp_path / "moved")
+        write(tmp_path / "moved", NEW)
+        assert contents(tmp_path / "moved") == NEW
+        (secret,) = (state_folder() / "manifests").iterdir()
+        assert stat.S_IMODE(secret.stat().st_mode) == 0o600 and len(secret.read_bytes()) == 32
+
+    def test_without_a_place_for_a_secret_nothing_is_replaced(self, tmp_path, monkeypatch):
+        (tmp_path / "file").touch()
+        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+        write(tmp_path / "out", OLD)
+        refused(tmp_path / "out", "in the way", overwrite=True)
+        assert contents(tmp_path / "out") == OLD
 
     @pytest.mark.parametrize("text", ["", "{}", '{"program": "gaussian-trimmer", "files": []}'])
     def test_a_damaged_manifest_is_a_file_of_the_users(self, tmp_path, text):
@@ -286,10 +308,11 @@ class TestFailedSwaps:
     def test_what_another_machine_has_begun_stays_and_is_named(self, tmp_path, monkeypatch, caplog, lost):
         """The journal is not here, or there was no place for it."""
         out = tmp_path / "out"
-        write(out, OLD)
         (tmp_path / "file").touch()
         monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / ("file" if lost == "state" else "there")))
-        assert write_killed(out, 4)
+        if lost == "journal":
+            write(out, OLD)
+        assert write_killed(out, 4 if lost == "journal" else 5)
         monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "here"))
         left = contents(out)
         remove_leftovers(out)

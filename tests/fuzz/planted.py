@@ -60,7 +60,7 @@ def _write_results(folder: Path, *, overwrite: bool) -> None:
 def _plant(rng: random.Random, path: Path, home: Path) -> None:
     match rng.randrange(7):
         case 0:
-            manifest = _manifest(rng, home)
+            manifest = _manifest(rng, home, **{"notes.txt": len(_MINE["notes.txt"])})
             _write(path, rng.choice((b"", b"{}", manifest, mutate(rng, manifest))))
         case 1:
             os.link(home / "thesis.txt", path)

@@ -17,7 +17,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Float64Array
-from gaussian_trimmer.io.folders import earlier_results
+from gaussian_trimmer.io.folders import MANIFEST, listed_sizes
 from gaussian_trimmer.parser import PROGRAM
 from gaussian_trimmer.trimming.clock import LOG
 from gaussian_trimmer.trimming.up_vector import UpVector, up_text
@@ -72,12 +72,12 @@ def open_console(*, quiet: bool) -> Console:
     return _PlainConsole(quiet=quiet, highlight=False, markup=False, soft_wrap=True)
 
 
-def print_json(arguments: Namespace, document: Mapping[str, Any], results: tuple[Path, str] | None = None) -> None:
-    """Print a JSON document if it is asked for, with the files of `results`: a folder and its manifest's kind."""
+def print_json(arguments: Namespace, document: Mapping[str, Any], results: Path | None = None) -> None:
+    """Print a JSON document if it is asked for, with the files of a folder of results."""
     if not arguments.json:
         return
     if results is not None:
-        document = {**document, "folder": str(results[0]), "files": earlier_results(*results)}
+        document = {**document, "folder": str(results), "files": [MANIFEST, *listed_sizes(results)]}
     print(json.dumps(document, allow_nan=False))
 
 

@@ -101,7 +101,7 @@ def run(arguments: Namespace) -> int:
         now = shlex.join(again)
         now = f"To trim all that are sure: {now}" if sure else f"To trim some that are not: {now} --keep ID ..."
         console.print(f"To choose: open {folder / 'index.html'} in a browser. {now}")
-        print_json(arguments, document, (folder, _KIND))
+        print_json(arguments, document, folder)
         return 0
     keep = arguments.keep or None
     chosen = chosen_objects(found, keep=keep, merge=merge, split=arguments.split_objects, names=names)

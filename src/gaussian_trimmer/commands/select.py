@@ -202,7 +202,7 @@ def _write_views(arguments: Namespace, console: Console) -> None:
         for number, view in enumerate(overview.views):
             picture = as_picture(render(scene.select(drawn_rows(scene.means, view)), view.camera).rgb)
             write_picture(with_grid(picture) if arguments.grid else picture, part / f"{number:03d}.png")
-    print_json(arguments, {"views": len(overview.views)}, (folder, _LISTING))
+    print_json(arguments, {"views": len(overview.views)}, folder)
     print_up(console, up)
     console.print(f"{folder}: {len(overview.views)} views, each named by its number for --view-index")
     if 0 < len(overview.whole) < len(overview.views):

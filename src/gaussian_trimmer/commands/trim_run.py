@@ -153,7 +153,7 @@ def trim_into(
         report, notes = _write(result, request, arguments, part, seconds)
     written = _written(report, arguments)
     _say(report, [f"{written} are in {folder}. {time.perf_counter() - start:.1f} s.", *notes], console)
-    print_json(arguments, report, (folder, RESULTS))
+    print_json(arguments, report, folder)
     return NOTHING_TRIMMED if all(entry["refused"] for entry in report["objects"]) else 0
 
 

@@ -3,14 +3,16 @@
 While results are being made, they wait in their folder, in `new` of a staging folder with a random name. At the end,
 the files that the manifest of an earlier run lists, `manifest.json`, move to `old` of it, the new ones take their
 places, the manifest last, and the old ones are deleted. Whatever fails before the manifest is in place moves everything
-back; of a run that was killed, the next one does, by a journal in the user's private state: nothing that lies in the
-folder, which may come from a stranger, says what to move or to delete.
+back; of a run that was killed, the next one does, by a journal in the user's private state. A manifest counts if it is
+signed with a secret of that state: nothing else that lies in the folder, which may come from a stranger, says what to
+move or to delete.
 """
 
 from __future__ import annotations
 
 import errno
 import hashlib
+import hmac
 import json
 import logging
 import os
@@ -24,7 +26,14 @@ from typing import Any
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.errors import FolderInUseError, InputError, OutputExistsError, printable
 from gaussian_trimmer.io.reading import is_file, read_json
-from gaussian_trimmer.io.writing import HIDDEN_PREFIX, note_written, private_folder, remove_old_parts, state_folder
+from gaussian_trimmer.io.writing import (
+    HIDDEN_PREFIX,
+    note_written,
+    private_folder,
+    remove_old_parts,
+    state_folder,
+    write_private,
+)
 
 MANIFEST = "manifest.json"
 _PROGRAM = "gaussian-trimmer"
@@ -44,8 +53,8 @@ def atomic_folder(
 ) -> Iterator[Path]:
     """Yield a temporary folder to write to; its files move to `folder` on success and vanish on failure.
 
-    `manifest.json` lists what was written. A later run replaces these files, as long as they have the size they were
-    written with; every other file belongs to the user and stays.
+    `manifest.json` lists what was written. A later run of the same user on this machine replaces these files, if they
+    still have the size they were written with; every other file belongs to the user and stays.
 
     Args:
         folder: where the results go; it is made if it does not exist, and removed again on failure.
@@ -75,7 +84,8 @@ def atomic_folder(
                         raise OutputExistsError(folder)
                     earlier = earlier_results(target, kind)
                     found = (path for pattern in names for path in target.glob(pattern))
-                    _refuse_conflicts(target, [path.relative_to(target).as_posix() for path in found], earlier)
+                    coming = [MANIFEST, *(path.relative_to(target).as_posix() for path in found)]
+                    _refuse_conflicts(target, coming, earlier)
                     _refuse_inputs(target, earlier, inputs)
                     _keep_journal(target, run)
                     (staging / "new").mkdir(parents=True)
@@ -152,8 +162,8 @@ def _refuse_conflicts(target: Path, coming: Iterable[str], earlier: Sequence[str
             )
         if name not in earlier and os.path.lexists(path):
             raise InputError(
-                f"'{path}' is in the way of a result, and was not written by this program or has changed since; move "
-                "it away, or choose another output folder."
+                f"'{path}' is in the way of a result, and was not written by you with this program on this machine, or "
+                "has changed since; move it away, or choose another output folder."
             )
 
 
@@ -271,20 +281,38 @@ def write_manifest(folder: Path, kind: str, source: Path | None = None) -> None:
     """List the files of a folder with their sizes; `kind` is what wrote them, `source` what they were made of."""
     sizes = {name: (folder / name).stat().st_size for name in files_in(folder)}
     made_of = None if source is None else str(source.resolve())
-    contents = {"program": _PROGRAM, "version": __version__, "kind": kind, "source": made_of, "files": sizes}
+    contents: dict[str, Any] = {"program": _PROGRAM, "version": __version__, "kind": kind, "source": made_of}
+    contents["files"] = sizes
+    contents["signature"] = _signature(contents)
     (folder / MANIFEST).write_text(json.dumps(contents, indent=1) + "\n", encoding="utf-8")
+
+
+def _signature(contents: Mapping[str, Any]) -> str | None:
+    """Return what only this user on this machine can say of a manifest; None if a secret cannot be kept."""
+    signed = json.dumps([contents.get(name) for name in ("kind", "source", "files")], sort_keys=True)
+    with suppress(OSError, InputError):
+        secret = private_folder(state_folder() / "manifests") / "secret"
+        if not secret.exists():
+            part = secret.with_name(f"{HIDDEN_PREFIX}-{os.urandom(6).hex()}.part")
+            write_private(part, os.urandom(32))
+            with suppress(FileExistsError):  # another run has made one by now
+                os.link(part, secret)
+            part.unlink()
+        return hmac.digest(secret.read_bytes(), signed.encode(), "sha256").hex()
+    return None
 
 
 def earlier_results(folder: Path, kind: str) -> list[str]:
     """The manifest of a folder, and the files that it lists and that still have the size they were written with.
 
-    Nothing where there is no manifest of this program. Files behind links and outside the folder do not count.
+    Nothing where there is no manifest that this user wrote. Files behind links and outside the folder do not count.
 
     Raises:
         InputError: the folder holds results of another kind.
     """
-    sizes, found = listed_sizes(folder), _read(folder).get("kind")
-    if not sizes:
+    manifest, sizes = _read(folder), listed_sizes(folder)
+    found, signature = manifest.get("kind"), _signature(manifest)
+    if not sizes or signature is None or manifest.get("signature") != signature:
         return []
     if found != kind:
         raise InputError(
