@@ -12,7 +12,8 @@ rough = gt.read_selection(sample.SELECTION, scene)
 result = gt.trim(scene, rough, cameras=gt.read_cameras(sample.CAMERAS), config=gt.TrimConfig.of({"refine": "off"}))
 
 folder = Path(tempfile.mkdtemp(prefix="engines-"))
-for name, engine in ENGINES.items():
+for name in ("blender", "unreal", "three"):
+    engine = ENGINES[name]
     place = PlacingOptions(name, scale=100).placement(result.object, result.objects[0].up.direction)  # centimetres
     for part in ("object", "background"):
         gt.write(place.apply(getattr(result, part)), folder / f"{part}_{name}{engine.reads[0]}")

@@ -10,12 +10,18 @@ import toy
 from command_line import SMALL, run, save_ball
 from scenes import front_camera, random_scene
 
+import gaussian_trimmer as gt
 from gaussian_trimmer import formats
 from gaussian_trimmer.commands.trim_run import scene_name
 from gaussian_trimmer.formats import ply
+from gaussian_trimmer.formats.torch_files import as_array, load
+from gaussian_trimmer.gaussians import concatenate, rotation_matrices
 from gaussian_trimmer.geometry.harmonics import turned
 from gaussian_trimmer.output.engines import PlacingOptions, convex_hull, rotation_between
 from gaussian_trimmer.rendering import render
+from gaussian_trimmer.selection_files import load_objects
+from gaussian_trimmer.selection_files.selection_file import SelectionOptions
+from gaussian_trimmer.trimming.trim import trim_objects
 
 
 @pytest.fixture(scope="module")
@@ -124,6 +130,112 @@ def test_each_object_stands_at_the_origin_and_poses_say_where_in_the_scene(ball,
     pose = np.array(poses["object_7_for_unreal.ply"]["file_to_scene"])
     np.testing.assert_allclose(theirs.means @ pose[:3, :3].T + pose[:3, 3], own.means, atol=1e-5)
     assert abs(np.quantile(theirs.means[:, 1], 0.99)) < 0.05  # up is -y
+
+
+@pytest.fixture(scope="module")
+def two():
+    """A trim of two balls, of which one has a name."""
+    scene, first, second = toy.two_balls(np.float32([2.4, 0, 0]))
+    return trim_objects(scene, {'a "red" ball': first, "7": second}, config=toy.small_config(), up="z")
+
+
+def moved(points, matrix):
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def test_a_pose_is_the_matrix_and_can_be_taken_within_another_file(two):
+    options = PlacingOptions("three", scale=2), PlacingOptions("unity", scale=3)
+    first, second = (option.placement(part.gaussians, "z") for option, part in zip(options, two.objects, strict=True))
+    points, pose = np.random.default_rng(0).normal(size=(5, 3)), first.pose()
+    turn = rotation_matrices(np.float32([pose["quaternion"]]))[0]
+    in_scene = moved(points, first.matrix())
+    np.testing.assert_allclose(points @ turn.T * pose["scale"] + pose["translation"], in_scene, atol=1e-5)
+    np.testing.assert_allclose(
+        moved(moved(points, first.within(second).matrix()), second.matrix()), in_scene, atol=1e-5
+    )
+
+
+@pytest.mark.parametrize("options", [{}, {"origin": "foot", "scale": 10.0}])
+def test_instances_are_in_one_file_with_their_ids_names_boxes_and_poses(options, two, tmp_path):
+    assert PlacingOptions("instances", **options).write(two, tmp_path, ".spz") == ["instances.ply", "instances.json"]
+    found, said = formats.read(tmp_path / "instances.ply"), json.loads((tmp_path / "instances.json").read_text())
+    ids, scale = found.extras[said["column"]], options.get("scale", 1)
+    assert ids.dtype == np.int32 and (ids == 0).sum() == len(two.background)
+    for part, entry in zip(two.objects, said["instances"], strict=True):
+        mine = found.select(ids == part.id)
+        assert (entry["id"], entry["name"], entry["gaussians"]) == (part.id, part.name, len(mine))
+        np.testing.assert_allclose(mine.scales, scale * part.gaussians.scales, rtol=1e-4)
+        turn = rotation_matrices(np.float32([entry["quaternion"]]))[0]
+        own = (mine.means - entry["translation"]) @ turn / entry["scale"]
+        assert abs(np.quantile(own[:, 2], 0.01)) < 0.1 and np.abs(own.mean(axis=0)[:2]).max() < 0.1
+        centre, size = (np.array(entry["box"][name]) for name in ("centre", "size"))
+        assert size == pytest.approx([2, 2, 2], abs=0.3)
+        assert (np.abs(own - centre) < size / 2 + 0.1).all()
+    if not options:
+        numbers = [part.id for part in two.objects]
+        labels = load_objects(tmp_path / "instances.ply", found, numbers, SelectionOptions(property="instance_id"))
+        np.testing.assert_array_equal(labels, ids)
+        np.testing.assert_array_equal(found.means[ids == 2], two.objects[1].gaussians.means)
+    assert PlacingOptions("instances").write(two, tmp_path, ".ply", background=False)
+    assert (formats.read(tmp_path / "instances.ply").extras["instance_id"] > 0).all()
+
+
+def test_gsplat_gets_the_rows_of_each_object_as_a_tensor(two, tmp_path):
+    files = PlacingOptions("gsplat").write(two, tmp_path, ".ply")
+    for part, file in zip(two.objects, files, strict=True):
+        mask = as_array(load(tmp_path / file), load(tmp_path / file).value)
+        assert mask.dtype == np.bool_
+        np.testing.assert_array_equal(mask, two.labels == part.id)
+        np.testing.assert_array_equal(gt.read_selection(tmp_path / file, two.scene), mask)
+    torch = pytest.importorskip("torch", reason="PyTorch is not installed")
+    mask = torch.load(tmp_path / files[0], weights_only=True)
+    assert torch.equal(mask, torch.from_numpy(two.labels == two.objects[0].id))
+
+
+def test_a_stage_has_each_object_where_it_lies_with_its_label_and_collider(two, tmp_path):
+    options = PlacingOptions("usd", scale=2.0)
+    *files, stage_file = options.write(two, tmp_path, ".spz")
+    assert stage_file == "scene.usda" and len(files) == 3
+    pytest.importorskip("pxr", reason="usd-core is not installed")
+    from pxr import Usd, UsdGeom, UsdPhysics, UsdSemantics
+
+    for file in files:  # what a converter makes of splats, but for their centres
+        stage = Usd.Stage.CreateNew(str(tmp_path / f"{Path(file).stem}.usdc"))
+        points = UsdGeom.Points.Define(stage, "/splats")
+        points.GetPointsAttr().Set(formats.read(tmp_path / file).means)
+        stage.SetDefaultPrim(points.GetPrim())
+        stage.Save()
+    stage = Usd.Stage.Open(str(tmp_path / stage_file))
+    assert UsdGeom.GetStageUpAxis(stage) == "Z" and stage.GetDefaultPrim().GetPath() == "/scene"
+    background = UsdGeom.Points(stage.GetPrimAtPath("/scene/background")).GetPointsAttr().Get()
+    assert len(background) == len(two.background)
+    whole = options.placement(concatenate([part.gaussians for part in two.objects]), "z")
+    for part in two.objects:
+        prim = stage.GetPrimAtPath(f"/scene/object_{part.id}")
+        assert UsdSemantics.LabelsAPI(prim, "class").GetLabelsAttr().Get() == [part.title]
+        matrix = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(0)).T
+        assert prim.GetChild("splats").GetTypeName() == "Points"  # the file's own
+        splats = np.array(UsdGeom.Points(prim.GetChild("splats")).GetPointsAttr().Get())
+        np.testing.assert_allclose(moved(splats, matrix), whole.apply(part.gaussians).means, atol=1e-4)
+        mesh = UsdGeom.Mesh(prim.GetChild("collider"))
+        corners, indices = np.array(mesh.GetPointsAttr().Get()), mesh.GetFaceVertexIndicesAttr().Get()
+        assert UsdGeom.Mesh.ValidateTopology(indices, mesh.GetFaceVertexCountsAttr().Get(), len(corners))[0]
+        assert (np.ptp(corners, axis=0) > 0.9 * np.ptp(splats, axis=0)).all()
+        assert mesh.GetPrim().HasAPI(UsdPhysics.CollisionAPI)
+        assert UsdPhysics.MeshCollisionAPI(mesh.GetPrim()).GetApproximationAttr().Get() == "convexHull"
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (("convert", "scene.ply", "b.ply", "--for", "instances"), "give it to trim"),
+        (("trim", "scene.ply", "rough.npy", "--for", "gsplat", "--scale", "2"), "leave --origin and --scale out"),
+    ],
+)
+def test_what_a_target_cannot_have_is_refused(command, said, ball, capsys, monkeypatch):
+    monkeypatch.chdir(ball)
+    assert run(*command) == 2 and said in capsys.readouterr().err
+    assert not (ball / "b.ply").exists()
 
 
 def test_convert_turns_for_an_engine_and_calls_nothing_upright_by_a_guess(ball, tmp_path, capsys):

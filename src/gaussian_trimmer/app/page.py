@@ -240,7 +240,7 @@ class Panels:
         self._trim = {option: Control(page, name, True) for option, name in _TRIM_OPTIONS.items()}
         self.views = Control(page, "Virtual cameras", False)
         self.format = choice("Format", (AS_SCENE, *(name.lstrip(".") for name in formats.FORMATS)))
-        self.program = choice("For", (AS_IT_LIES, *(each.name for each in ENGINES.values())))
+        self.program = choice("For", (AS_IT_LIES, *(each.name for each in ENGINES.values() if each.reads)))
         self.folder, self.existing = Control(page, "Folder", ""), choice("Earlier results", (KEEP, REPLACE))
         self.command = Control(page, "The same by command", "")
 

@@ -87,7 +87,8 @@ def add_trimming(parser: Parser, *, rare: bool = False) -> None:
     group = parser.add_argument_group("files")
     ending = "Format of object and background; by default the scene's"
     group.add_argument("--format", metavar="ENDING", help=ending, rare=rare)
-    add_placing(group, "Also files for this program: upright, the foot at the origin, in a format that it reads", rare)
+    programs = "Also files for this program: upright, the foot at the origin, in a format that it reads"
+    add_placing(group, f"{programs}; a mask for gsplat; instances: all objects in one PLY with their ids", rare)
     background = "Write the scene without the objects, which is nearly as large as the scene"
     group.add_argument("--write-background", kind=bool, default=True, help=background, rare=True)
     page = "Also report.html, a page with views before and after and all numbers"

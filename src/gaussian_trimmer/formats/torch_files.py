@@ -12,6 +12,7 @@ import io
 import math
 import pickle
 import pickletools
+import struct
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,8 +23,9 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.formats.packing import thicken_discs, with_finite_limits
-from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.reading import member_bytes, open_archive, read_into
+from gaussian_trimmer.io.writing import atomic_file
 
 _EXPECTED = "torch file of the zip format"
 _MAX_PICKLE_BYTES = 1 << 20
@@ -220,6 +222,30 @@ def _tensor(storage: Any, offset: Any, shape: Any, strides: Any, *rest: Any) -> 
     if not all(type(number) is int and 0 <= number < 1 << 63 for number in numbers):
         raise pickle.UnpicklingError("it has a tensor of impossible shape")
     return Tensor(storage, offset, tuple(shape), tuple(strides))
+
+
+def write_mask(mask: BoolArray, path: Path) -> None:
+    """Write a mask (N,) as `torch.save` writes a tensor of booleans.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+
+    def text(word: str) -> bytes:
+        return b"X" + struct.pack("<i", len(word)) + word.encode()
+
+    count = b"J" + struct.pack("<i", len(mask))
+    storage = text("storage") + b"ctorch\nBoolStorage\n" + text("0") + text("cpu") + count
+    tensor = b"ctorch._utils\n_rebuild_tensor_v2\n((" + storage + b"tQK\0" + count + b"\x85K\1\x85"  # a stride of one
+    members = {
+        "data.pkl": b"\x80\2" + tensor + b"\x89ccollections\nOrderedDict\n)RtR.",
+        "byteorder": b"little",
+        "data/0": np.ascontiguousarray(mask).view(np.uint8).tobytes(),
+        "version": b"3\n",
+    }
+    with atomic_file(path) as part, zipfile.ZipFile(part, "w") as archive:
+        for name, data in members.items():
+            archive.writestr(zipfile.ZipInfo(f"archive/{name}"), data)
 
 
 def is_tensor(value: Any) -> bool:
