@@ -71,6 +71,12 @@ def test_help_of_reading_commands_does_not_load_the_trimmer():
     assert not modules & {"numba", "torch", "gaussian_trimmer.trimming.trim"}
 
 
+def test_trimming_does_not_load_what_cuts_at_masks_before_it_is_asked_for():
+    modules = loaded_by("import gaussian_trimmer as gt; gt.trim")
+    late = {"gaussian_trimmer.trimming.paper", "gaussian_trimmer.trimming.straddlers"}
+    assert "gaussian_trimmer.trimming.decision" in modules and not modules & late
+
+
 def test_all_names_exist_and_are_listed():
     assert set(gt.__all__) <= set(dir(gt))
     for name in gt.__all__:

@@ -11,7 +11,7 @@ from gaussian_trimmer.geometry.planes import Plane
 from gaussian_trimmer.rendering import blend_values, blend_weights, render
 from gaussian_trimmer.trimming.alpha_targets import OutlineViews
 from gaussian_trimmer.trimming.config import EvidenceConfig
-from gaussian_trimmer.trimming.evidence import Decomposition, prune
+from gaussian_trimmer.trimming.evidence import prune
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views.view import TOUCHING_RADII
 
@@ -33,7 +33,7 @@ def in_place(scene, members, masks=None, min_share=0.7, ground=None):
 
 
 def consistent(scene, members, views, min_share):
-    return prune(scene, Decomposition(members, np.zeros(0, np.int64)), members, views, min_share).members
+    return prune(scene, members, members, views, min_share)
 
 
 def trimmed(scene, selection, **evidence):
@@ -113,8 +113,8 @@ def test_what_joins_is_seen_as_the_object(opacity_logit, joins):
     beside = beside.replace(opacity_logits=np.full(len(beside), opacity_logit, np.float32))
     scene, joining = concatenate([SCENE, beside]), np.arange(len(SCENE) + len(beside)) >= len(SCENE)
     members = np.append(TRUTH, np.ones(len(beside), np.bool_))
-    parts, views = Decomposition(members, np.zeros(0, np.int64)), OutlineViews(CAMERAS, None, RADIUS)
-    joined, selected = (prune(scene, parts, of, views, 0.7).members[joining] for of in (members & ~joining, members))
+    views = OutlineViews(CAMERAS, None, RADIUS)
+    joined, selected = (prune(scene, members, of, views, 0.7)[joining] for of in (members & ~joining, members))
     shown = beside.means[:, 2] > 1
     assert (joined[shown].mean() > 0.9) == joins
     assert joined.sum() < 0.7 * selected.sum() or joins

@@ -6,7 +6,8 @@ from toy import accepted_view, gaussians
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.trimming.straddlers import BoundaryConfig, contour_pixels, find_straddlers, signed_distance
+from gaussian_trimmer.trimming.config import BoundaryConfig
+from gaussian_trimmer.trimming.straddlers import contour_pixels, find_straddlers, signed_distance
 
 SIZE = 64
 UP = np.array([0.0, -1, 0])

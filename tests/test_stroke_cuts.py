@@ -14,8 +14,9 @@ from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selecting.marks import Rows, Stroke, read_marks, write_marks
 from gaussian_trimmer.selecting.select import select
+from gaussian_trimmer.trimming.arguments import StrokeCut
 from gaussian_trimmer.trimming.refinement import Pieces
-from gaussian_trimmer.trimming.straddlers import StrokeCut, cut_at_stroke
+from gaussian_trimmer.trimming.straddlers import cut_at_stroke
 
 CAMERA = toy.camera_at((0, -8, 1))
 LEFT = Stroke(Viewpoint(CAMERA), ((0.0, 0.0), (0.47, 0.0), (0.47, 1.0), (0.0, 1.0)))

@@ -45,7 +45,7 @@ from gaussian_trimmer.selecting.shapes import drawn_over, grown, inside_shape, s
 from gaussian_trimmer.selection_files import load_selection
 from gaussian_trimmer.surface.overview import drawn_part
 from gaussian_trimmer.surface.viewed_scene import Target, ViewedScene, look_at_pixel
-from gaussian_trimmer.trimming.straddlers import StrokeCut
+from gaussian_trimmer.trimming.arguments import StrokeCut
 from gaussian_trimmer.views.view import HALF
 
 _BOX_TAKES_ALL = 0.9

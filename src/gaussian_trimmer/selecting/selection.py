@@ -14,7 +14,7 @@ from gaussian_trimmer.io.writing import atomic_file, npy_bytes
 from gaussian_trimmer.selecting.marks import Effect, Marks, write_marks
 
 if TYPE_CHECKING:  # most selections are read from files, and need no kernels
-    from gaussian_trimmer.trimming.straddlers import StrokeCut
+    from gaussian_trimmer.trimming.arguments import StrokeCut
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 

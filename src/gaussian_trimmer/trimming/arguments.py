@@ -17,9 +17,19 @@ from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, check_gau
 from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.settings import check_settings
 from gaussian_trimmer.trimming.config import TrimConfig
-from gaussian_trimmer.trimming.straddlers import StrokeCut
 from gaussian_trimmer.trimming.up_vector import UpVector
 from gaussian_trimmer.views.view import ViewMasks
+
+
+@dataclass(frozen=True, eq=False)
+class StrokeCut:
+    """A stroke in a view. N Gaussians of the scene."""
+
+    camera: Camera
+    mask: BoolArray
+    """Pixels under the stroke, (H, W)."""
+    spared: BoolArray
+    """What was selected again after it, (N,)."""
 
 
 @dataclass(frozen=True, eq=False)

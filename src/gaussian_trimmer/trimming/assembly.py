@@ -17,7 +17,6 @@ from gaussian_trimmer.trimming.clock import LOG
 from gaussian_trimmer.trimming.decision import Decision
 from gaussian_trimmer.trimming.refinement import Pieces, refine
 from gaussian_trimmer.trimming.result import RowLabel, TrimmedObject, TrimResult
-from gaussian_trimmer.trimming.straddlers import cut_at_stroke
 
 _VOTING_NEIGHBOURS = 8
 """Number of nearest Gaussians that decide to which of several objects one belongs."""
@@ -85,6 +84,8 @@ def assemble_object(setup: Setup, owner: LabelArray, decision: Decision, number:
         around = concatenate([crop.local.select(owner[crop.rows] != number), cut_off.gaussians])
         pieces, not_fitted = refine(pieces, around, decision.outline, setup.config.refinement)
     for cut in rough.cuts:
+        from gaussian_trimmer.trimming.straddlers import cut_at_stroke  # late, since hardly anybody draws a stroke
+
         pieces, fallen = cut_at_stroke(pieces, cut)
         cut_off = cut_off.followed_by(fallen)
     unsplit = np.where(np.isin(pieces.source, rough.rows), RowLabel.KEPT, RowLabel.ADDED)
@@ -116,13 +117,13 @@ def assemble_object(setup: Setup, owner: LabelArray, decision: Decision, number:
 def _split(decision: Decision, scene: Gaussians, rows: IntArray) -> tuple[Pieces, Pieces]:
     """Return an object's Gaussians, parts of split ones last, and the outer parts, by its scene rows."""
     nothing = Pieces.of(scene.select(slice(0)), np.zeros(0, np.int64))
-    parts = decision.parts
-    if parts is None or parts.inner is None:
+    cut = decision.cut
+    if cut is None:
         return Pieces.of(scene.select(rows), rows), nothing
-    split = decision.crop.rows[parts.split]
+    split = decision.crop.rows[cut.rows]
     kept, whole = np.isin(split, rows), np.setdiff1d(rows, split, assume_unique=True)
-    inner = Pieces.of(parts.inner.select(kept), split[kept], part=True)
-    outer = nothing if parts.outer is None else Pieces.of(parts.outer.select(kept), split[kept], part=True)
+    inner = Pieces.of(cut.inner.select(kept), split[kept], part=True)
+    outer = nothing if cut.outer is None else Pieces.of(cut.outer.select(kept), split[kept], part=True)
     return Pieces.of(scene.select(whole), whole).followed_by(inner), outer
 
 

@@ -13,7 +13,6 @@ from gaussian_trimmer.trimming.acceptance import AcceptanceConfig
 from gaussian_trimmer.trimming.evidence import EvidenceConfig
 from gaussian_trimmer.trimming.label_crf import LabelCrfConfig
 from gaussian_trimmer.trimming.refinement import RefineConfig
-from gaussian_trimmer.trimming.straddlers import BoundaryConfig, SplitConfig
 from gaussian_trimmer.views.virtual_cameras import PlanConfig
 
 __all__ = [
@@ -31,6 +30,25 @@ __all__ = [
 
 CONTEXT_RADIUS = 1.8
 """Radius around the object's centre, in object radii, within which other Gaussians are rendered with the object."""
+
+
+@dataclass(frozen=True)
+class BoundaryConfig:
+    """Which Gaussians straddle the boundary."""
+
+    band: Annotated[int, Range(1, 64)] = 2
+    """Distance from a mask's contour, in pixels, within which contributing Gaussians are looked up."""
+    contributors: Annotated[int, Range(1, 256)] = 10
+    """Number of Gaussians looked up at each of these pixels, those of largest blend weight."""
+
+
+@dataclass(frozen=True)
+class SplitConfig:
+    """What is done with Gaussians that straddle the boundary."""
+
+    rule: Literal["plane", "principal_axis", "sagd", "none"] = "none"
+    """`plane`: cut at the silhouette; `principal_axis`: eqs. 8 and 9 of the paper; `sagd`: SAGD's single, smaller
+    child; `none`: no Gaussian is split."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from gaussian_trimmer.rendering import Rendering, blend_values, render
 from gaussian_trimmer.trimming.arguments import Setup, same_cameras
 from gaussian_trimmer.trimming.config import CONTEXT_RADIUS
 from gaussian_trimmer.views.by_sight import TRIAL_RADII, ChosenViews, choose_views
-from gaussian_trimmer.views.view import HALF, View, bounding_box, clearly_nearer, shown_by, visible_weight
+from gaussian_trimmer.views.view import HALF, View, bounding_box, clearly_nearer, shown_by
 from gaussian_trimmer.views.virtual_cameras import cameras_around, cameras_that_see, framed_bounds
 
 _MOST_STEPS = 8
@@ -69,20 +69,6 @@ class SceneCrop:
     def without_copies(self) -> SceneCrop:
         """Return the same crop, which copies `local` and `shown` from the scene again when they are asked for."""
         return replace(self)
-
-
-@dataclass(frozen=True, eq=False)
-class SceneRenderings:
-    """What the cameras of a crop see, with the blend weights of its L Gaussians, of which S are selected."""
-
-    pictures: Sequence[Rendering]
-    """The object, the Gaussians around it, and what hides them."""
-    isolated: Sequence[Rendering]
-    """The selected object alone."""
-    visible: FloatArray
-    """Blend weight of each Gaussian in the pictures, in pixels of five views of 512 x 512, (L,)."""
-    visible_alone: FloatArray
-    """Blend weight of each selected Gaussian rendered alone, (S,)."""
 
 
 def crop_scene(
@@ -139,30 +125,31 @@ def crop_scene(
     )
 
 
-def render_crop(crop: SceneCrop) -> SceneRenderings:
-    """Draw a crop and the selected object in it for each of its cameras."""
+def render_crop(crop: SceneCrop) -> tuple[list[Rendering], list[Rendering]]:
+    """Draw a crop, and the selected object of it alone, for each of its cameras, with blend weights."""
 
     def drawn(gaussians: Gaussians) -> list[Rendering]:
         return list(parallel_map(lambda c: render(gaussians, c, weights=True), crop.cameras))
 
-    pictures, isolated = drawn(crop.shown), drawn(crop.local.select(crop.selected))
-    visible, alone = (visible_weight([p.weights for p in shown], crop.cameras) for shown in (pictures, isolated))
-    return SceneRenderings(pictures, isolated, visible[: len(crop.local)], alone)
+    return drawn(crop.shown), drawn(crop.local.select(crop.selected))
 
 
-def complete_views(crop: SceneCrop, renderings: SceneRenderings, probability: FloatArray) -> list[View]:
+def complete_views(
+    crop: SceneCrop, pictures: Sequence[Rendering], objects: Sequence[Rendering], probability: FloatArray
+) -> list[View]:
     """Return what each camera of a crop sees of the object and around it.
 
     Args:
         crop: the object and the Gaussians around it, L of them.
-        renderings: what its cameras see.
+        pictures: what its cameras see.
+        objects: the selected object alone.
         probability: the corrected labels, (L,).
     """
     shares = np.zeros((len(crop.shown), 2), np.float32)
     shares[: len(probability)] = np.stack([crop.selected, probability], axis=1)
     views = []
     values = parallel_map(lambda camera: blend_values(crop.shown, camera, shares), crop.cameras)
-    drawn = zip(crop.cameras, renderings.pictures, renderings.isolated, values, strict=True)
+    drawn = zip(crop.cameras, pictures, objects, values, strict=True)
     for camera, picture, alone, shown in drawn:
         visible, expected = np.ascontiguousarray(shown[..., 0]), np.ascontiguousarray(shown[..., 1])
         whole = alone.alpha > HALF

@@ -1,7 +1,7 @@
 """Decide which Gaussians belong to one object: from the plan of the views to the cut at its boundary.
 
 Which rows are the object's is, in turn: a selection of the crop, a probability of each of its Gaussians, masks in
-views, and the members of a `Decomposition`. `resolve_overlaps` makes owners in the scene of the members of all objects,
+views, and the members of a `Decision`. `resolve_overlaps` makes owners in the scene of the members of all objects,
 `assemble_object` makes `Pieces` of those that are an object's own.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -20,16 +21,18 @@ from gaussian_trimmer.trimming.acceptance import check_masks, excessive_loss, re
 from gaussian_trimmer.trimming.alpha_targets import OutlineViews, resized_mask
 from gaussian_trimmer.trimming.arguments import RoughObject, Setup
 from gaussian_trimmer.trimming.clock import Clock
-from gaussian_trimmer.trimming.crop import SceneCrop, SceneRenderings, complete_views, crop_scene, render_crop
+from gaussian_trimmer.trimming.crop import SceneCrop, complete_views, crop_scene, render_crop
 from gaussian_trimmer.trimming.diagnosis import find_wrong_input, selection_warning, up_warning
-from gaussian_trimmer.trimming.evidence import Decomposition, prune
+from gaussian_trimmer.trimming.evidence import prune
 from gaussian_trimmer.trimming.label_crf import correct_labels
-from gaussian_trimmer.trimming.paper import vote
-from gaussian_trimmer.trimming.straddlers import split_straddlers
 from gaussian_trimmer.trimming.up_vector import KNOWN_SOURCES, UpVector, find_up
 from gaussian_trimmer.views.small_views import FAR_FOV_DEGREES, close_up_of, views_at_heights
-from gaussian_trimmer.views.view import HALF, TrimmedView, View, without_pictures
+from gaussian_trimmer.views.view import HALF, TrimmedView, View, visible_weight, without_pictures
 from gaussian_trimmer.views.virtual_cameras import PlanConfig
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:  # nothing is cut by default
+    from gaussian_trimmer.trimming.straddlers import CutGaussians
 
 _LEAST_FREE_VIEWS = 3
 """Directions that show at least half of an object, of those that are tried: with fewer its other sides are a guess."""
@@ -47,10 +50,12 @@ class Decision:
     """All views, accepted or not; none if an input was found wrong."""
     outline: OutlineViews | None = None
     """Small views of the object; None if it is left as it was."""
-    parts: Decomposition | None = None
-    """What the object gets; None if the selection is left as it was."""
+    members: BoolArray | None = None
+    """Which Gaussians of the crop belong to it, whole or in part, (L,); None if the selection is left as it was."""
+    cut: CutGaussians | None = None
+    """Those that belong to it in part; None if there are none."""
     probability: FloatArray | None = None
-    """Probability that each Gaussian of the crop is the object's by the corrected labels, (L,); None if none were."""
+    """Probability that each Gaussian of the crop is the object's by the corrected labels, (L,)."""
     refused: str | None = None
     """Why it is left as it was."""
     seconds: dict[str, float] = field(default_factory=dict)
@@ -59,19 +64,17 @@ class Decision:
     @property
     def considered(self) -> IntArray:
         """Scene rows, ascending, of all Gaussians that could be the object's."""
-        return self.rough.rows if self.parts is None else self.crop.rows
+        return self.rough.rows if self.members is None else self.crop.rows
 
     @property
     def rows(self) -> IntArray:
         """Scene rows, ascending, of those that it asks for."""
-        return self.rough.rows if self.parts is None else self.crop.rows[self.parts.members]
+        return self.rough.rows if self.members is None else self.crop.rows[self.members]
 
     @property
     def share(self) -> FloatArray:
         """How much of each of those that could be the object's is its own, from 0 to 1, (L,)."""
-        if self.parts is None or self.probability is None:
-            return np.ones(len(self.considered), np.float32)
-        return self.probability
+        return np.ones(len(self.considered), np.float32) if self.probability is None else self.probability
 
     def owned(self, owner: LabelArray, number: int) -> IntArray:
         """Return scene rows, ascending, of those that it gets, by the number of each Gaussian's object, (N,)."""
@@ -109,61 +112,62 @@ def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
     """Decide which Gaussians belong to an object as if it were the only one."""
     config = setup.config
     with clock("plan"):
-        decision = _plan(setup, rough)
-    crop = decision.crop
-    if decision.refused:
-        return decision
-    renderings, probability, unsegmented = _look(setup, crop, clock)
+        crop, up, warnings, wrong = _plan(setup, rough)
+    decision = partial(Decision, rough, crop, up, warnings)
+    if wrong:
+        return decision(refused=wrong)
+    unsegmented, probability, visible, visible_alone = _look(setup, crop, clock)
     with clock("segment"):
         masks = [mask for _, mask in setup.masks] if setup.masks else [view.silhouette for view in unsegmented]
         views = check_masks(unsegmented, masks, config.acceptance, judged=setup.masks is not None)
-    decision = replace(decision, views=tuple(views), probability=probability)
+    decision = partial(decision, views=tuple(views))
     refused = rejection(views, config.acceptance)
     if refused:
-        return replace(decision, refused=refused)
-    accepted = [view for view in views if not view.rejected]
+        return decision(refused=refused)
     if setup.masks or config.split.rule != "none":
-        with clock("split"):
-            candidates = crop.selected | (probability > HALF)
-            parts = split_straddlers(crop.shown, candidates, accepted, config.boundary, config.split)
-        with clock("weigh"):
-            parts = vote(crop.shown, parts, crop.selected, probability, views, config.evidence)
+        from gaussian_trimmer.trimming.paper import decide_by_masks  # late, since a default trim has no need of it
+
+        members, cut = decide_by_masks(crop.shown, crop.selected, probability, views, config, clock)
     else:
-        may_be = np.True_ if config.evidence.recover else crop.selected
-        parts = Decomposition(may_be & (probability > HALF), np.zeros(0, np.int64))
+        members, cut = (probability > HALF) & (crop.selected | config.evidence.recover), None
     with clock("prune"):
-        positions, weights = crop.local.means / np.float32(crop.bounds.radius), renderings.visible.astype(np.float64)
-        plane = find_support_plane(positions, parts.members, weights, crop.bounds, config.label_crf.support_plane)
-        outline = _outline_views(setup, crop, accepted, plane)
+        positions, weights = crop.local.means / np.float32(crop.bounds.radius), visible.astype(np.float64)
+        plane = find_support_plane(positions, members, weights, crop.bounds, config.label_crf.support_plane)
+        outline = _outline_views(setup, crop, [view for view in views if not view.rejected], plane)
         if config.evidence.min_in_place > 0:
-            parts = prune(crop.local, parts, crop.selected, outline, config.evidence.min_in_place)
-    refused = excessive_loss(
-        crop.selected, parts.members, renderings.visible, renderings.visible_alone, config.acceptance
-    )
-    return replace(decision, refused=refused) if refused else replace(decision, outline=outline, parts=parts)
+            members = prune(crop.local, members, crop.selected, outline, config.evidence.min_in_place, cut)
+    refused = excessive_loss(crop.selected, members, visible, visible_alone, config.acceptance)
+    if refused:
+        return decision(refused=refused)
+    cut = cut and cut.select(members[cut.rows])
+    return decision(outline=outline, members=members, cut=cut, probability=probability)
 
 
 def look(setup: Setup, rough: RoughObject) -> tuple[list[View], Gaussians]:
     """Return the views of an object that masks are to be drawn in, none if it is refused, and what they show."""
-    decision = _plan(setup, rough)
-    views = [] if decision.refused else _look(setup, decision.crop, Clock(lambda stage: None, log=None))[2]
-    return views, decision.crop.shown
+    crop, _, _, wrong = _plan(setup, rough)
+    return [] if wrong else _look(setup, crop, Clock(lambda stage: None, log=None))[0], crop.shown
 
 
-def _look(setup: Setup, crop: SceneCrop, clock: Clock) -> tuple[SceneRenderings, FloatArray, list[View]]:
-    """Return what the cameras of a crop see, the corrected labels of its L Gaussians, (L,), and the views of both."""
+def _look(setup: Setup, crop: SceneCrop, clock: Clock) -> tuple[list[View], FloatArray, FloatArray, FloatArray]:
+    """Return the views of a crop of L Gaussians, of which S are selected, and what they tell of these.
+
+    That is the corrected label of each, (L,), its blend weight in the views, (L,), and that of each selected one where
+    these are alone, (S,), in pixels of five views of 512 x 512.
+    """
     with clock("render"):
-        renderings = render_crop(crop)
+        pictures, objects = render_crop(crop)
+        visible, alone = (visible_weight([p.weights for p in drawn], crop.cameras) for drawn in (pictures, objects))
+        visible = visible[: len(crop.rows)]
     with clock("correct"):
-        settings = setup.config.label_crf
-        probability = correct_labels(crop.local, crop.selected, renderings.visible, crop.bounds, settings)
+        probability = correct_labels(crop.local, crop.selected, visible, crop.bounds, setup.config.label_crf)
         probability[crop.excluded] = 0
     with clock("render"):
-        return renderings, probability, complete_views(crop, renderings, probability)
+        return complete_views(crop, pictures, objects, probability), probability, visible, alone
 
 
-def _plan(setup: Setup, rough: RoughObject) -> Decision:
-    """Decide where to look from; refused if an input is wrong."""
+def _plan(setup: Setup, rough: RoughObject) -> tuple[SceneCrop, UpVector, tuple[str, ...], str | None]:
+    """Return where to look from, the up vector, warnings, and which input is wrong, if one is."""
     scene, selection = setup.scene, mask_of_rows(rough.rows, len(setup.scene))
     up = setup.up or find_up(scene, setup.cameras, setup.config.up, selection)
     crop = crop_scene(setup, selection, _excluded(setup, rough), up.direction, rough.views)
@@ -172,7 +176,7 @@ def _plan(setup: Setup, rough: RoughObject) -> Decision:
     if setup.up is None and not wrong:
         doubt = up_warning(scene, selection, up)
     found = (selection_warning(scene, selection), doubt, None if wrong else _sight_warning(crop))
-    return Decision(rough, crop, up, tuple(warning for warning in found if warning), refused=wrong)
+    return crop, up, tuple(warning for warning in found if warning), wrong
 
 
 def _sight_warning(crop: SceneCrop) -> str | None:

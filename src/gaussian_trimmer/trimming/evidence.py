@@ -8,16 +8,20 @@ behind them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, mask_of_rows
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering.gradients import draw
 from gaussian_trimmer.settings import Share, Weight
 from gaussian_trimmer.trimming.alpha_targets import ObjectRender, OutlineViews
 from gaussian_trimmer.views.view import HALF, clearly_nearer
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:  # nothing is cut by default
+    from gaussian_trimmer.trimming.straddlers import CutGaussians
 
 
 @dataclass(frozen=True)
@@ -34,51 +38,15 @@ class EvidenceConfig:
     Of others the scene hides too much: they would stick out. 0: all stay."""
 
 
-@dataclass(frozen=True, eq=False)
-class Decomposition:
-    """How L Gaussians are divided between object and background."""
-
-    members: BoolArray
-    """Which ones belong to the object, whole or in part, (L,)."""
-    split: IntArray
-    """Rows of those that are cut in two, ascending, (S,)."""
-    inner: Gaussians | None = None
-    """Their parts inside the object, (S,); None if nothing is cut."""
-    outer: Gaussians | None = None
-    """Their parts outside it, (S,); None if nothing is cut, or if the rule keeps only one part."""
-
-    def without(self, lost: BoolArray) -> Decomposition:
-        """Return the division after some Gaussians (L,) were taken from the object with all of their parts."""
-        return replace(self.only(~lost[self.split]), members=self.members & ~lost)
-
-    def only(self, cut: BoolArray) -> Decomposition:
-        """Return the division in which only some of the split ones (S,) are cut."""
-        inner, outer = (part.select(cut) if part is not None else None for part in (self.inner, self.outer))
-        return Decomposition(self.members, self.split[cut], inner, outer)
-
-    def whole(self) -> BoolArray:
-        """Return which Gaussians are not cut, (L,)."""
-        whole = np.ones(len(self.members), np.bool_)
-        whole[self.split] = False
-        return whole
-
-    def parts_of(self, gaussians: Gaussians) -> Gaussians:
-        """Return Gaussians, of which the first L are divided, without the split ones, with the parts of these last."""
-        kept = np.ones(len(gaussians), np.bool_)
-        kept[self.split] = False
-        if not len(self.split):
-            return gaussians
-        return concatenate([gaussians.select(kept), *(p for p in (self.inner, self.outer) if p is not None)])
-
-
 def prune(
     gaussians: Gaussians,
-    parts: Decomposition,
+    members: BoolArray,
     selection: BoolArray,
     views: OutlineViews,
     min_share: float,
-) -> Decomposition:
-    """Take from an object what the views do not show as part of it when the object is alone.
+    cut: CutGaussians | None = None,
+) -> BoolArray:
+    """Return the members of an object, (L,), without what the views do not show as part of it when the object is alone.
 
     A pixel is consistent where the scene shows at least half of the opacity that the object has alone, or where a known
     mask has it, and the object is seen where more than half of what the scene shows is the object. Where something
@@ -88,24 +56,24 @@ def prune(
 
     Args:
         gaussians: the object and the Gaussians around it, L of them.
-        parts: how these are divided.
+        members: which of these are the object's, whole or in part, (L,).
         selection: what is selected, (L,).
         views: where to look from.
         min_share: least share of what a Gaussian shows alone that has to be consistent.
+        cut: those that are its own in part, with their parts; None: there are none.
     """
-    whole = np.flatnonzero(parts.members & parts.whole())
-    inside = concatenate([gaussians.select(whole), *([parts.inner] if parts.inner else [])])
-    outside = [gaussians.select(~parts.members), *([parts.outer] if parts.outer else [])]
+    split = np.zeros(0, np.int64) if cut is None else cut.rows
+    whole = np.flatnonzero(members & ~mask_of_rows(split, len(members)))
+    inside = concatenate([gaussians.select(whole), *([cut.inner] if cut else [])])
+    outside = [gaussians.select(~members), *([cut.outer] if cut and cut.outer else [])]
     renders = views.render(inside, concatenate(outside))
     consistent, seen, shown = np.sum(list(parallel_map(_weights, renders)), axis=0).T
-    rows = np.concatenate([whole, parts.split])
+    rows = np.concatenate([whole, split])
     gone = (consistent < min_share * shown) | (~selection[rows] & (seen < HALF * shown))
     joining = np.flatnonzero(~selection[rows] & ~gone)
     if len(joining):
         gone[joining] = _behind(inside, selection[rows], joining, views.radius, renders)
-    lost = np.zeros(len(gaussians), np.bool_)
-    lost[rows] = gone
-    return parts.without(lost)
+    return mask_of_rows(rows[~gone], len(members))
 
 
 def _behind(

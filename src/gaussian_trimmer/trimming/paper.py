@@ -9,55 +9,59 @@ views.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate, mask_of_rows
 from gaussian_trimmer.rendering.tile_renderer import UNDECIDED, label_weights, share_inside
-from gaussian_trimmer.trimming.evidence import Decomposition, EvidenceConfig
-from gaussian_trimmer.views.view import MIN_SEEN_PIXELS, TrimmedView, visible_weight
+from gaussian_trimmer.trimming.clock import Clock
+from gaussian_trimmer.trimming.config import EvidenceConfig, TrimConfig
+from gaussian_trimmer.trimming.straddlers import CutGaussians, split_straddlers
+from gaussian_trimmer.views.view import HALF, MIN_SEEN_PIXELS, TrimmedView, visible_weight
 
 
-def vote(
+def decide_by_masks(
     gaussians: Gaussians,
-    parts: Decomposition,
     selection: BoolArray,
     probability: FloatArray,
     views: Sequence[TrimmedView],
-    config: EvidenceConfig,
-) -> Decomposition:
-    """Decide which Gaussians belong to the object by the evidence of the whole scene, and judge the parts of cut ones.
+    config: TrimConfig,
+    clock: Clock,
+) -> tuple[BoolArray, CutGaussians | None]:
+    """Return which Gaussians belong to the object, (N,), by the evidence of the whole scene, and those that are cut.
 
     A Gaussian stays cut if the views show both of its parts, and give the inner one to the object and the outer one to
     the background. All others are whole.
 
     Args:
         gaussians: what the views show: the N Gaussians to decide on, and what hides them after them.
-        parts: which of the N are cut, and their parts.
         selection: what is selected, (N,).
         probability: corrected labels, (N,).
         views: views with their masks, accepted or not.
-        config: thresholds.
+        config: which Gaussians are cut, how, and thresholds.
+        clock: takes the time of both steps.
     """
-    pieces = parts.parts_of(gaussians)
     accepted = [trimmed for trimmed in views if not trimmed.rejected]
-    cameras = [trimmed.view.camera for trimmed in accepted]
-    of_views = list(label_weights(pieces, cameras, [trimmed.mask for trimmed in accepted]))
-    sums = visible_weight(of_views, [trimmed.view.camera for trimmed in views])  # (pieces, 2)
-    n, n_split = len(selection), len(parts.split)
-    n_uncut = len(gaussians) - n_split  # with what hides them
-    inner, outer = sums[n_uncut : n_uncut + n_split], sums[n_uncut + n_split :]
-    weights = np.empty((n, 2), sums.dtype)
-    weights[parts.whole()] = sums[: n - n_split]
-    weights[parts.split] = inner + outer if len(outer) else inner
-    members = classify_gaussians(weights, probability, selection, config)
-    # Of parts, the masks alone decide: the label is that of the whole.
-    cut = (selection | members)[parts.split] & (share_inside(inner, MIN_SEEN_PIXELS) > UNDECIDED)
-    if len(outer):
-        cut &= share_inside(outer, MIN_SEEN_PIXELS) < UNDECIDED
-    members[parts.split[cut]] = True
-    return replace(parts, members=members).only(cut)
+    with clock("split"):
+        cut = split_straddlers(gaussians, selection | (probability > HALF), accepted, config.boundary, config.split)
+    with clock("weigh"):
+        uncut = ~mask_of_rows(cut.rows, len(gaussians))
+        parts = [cut.inner] if cut.outer is None else [cut.inner, cut.outer]
+        pieces = concatenate([gaussians.select(uncut), *parts]) if len(cut.rows) else gaussians
+        cameras = [trimmed.view.camera for trimmed in accepted]
+        of_views = list(label_weights(pieces, cameras, [trimmed.mask for trimmed in accepted]))
+        sums = visible_weight(of_views, [trimmed.view.camera for trimmed in views])  # (pieces, 2)
+        inner, outer = np.split(sums[np.count_nonzero(uncut) :], [len(cut.rows)])
+        weights = np.empty((len(selection), 2), sums.dtype)
+        weights[uncut[: len(selection)]] = sums[: len(selection) - len(cut.rows)]
+        weights[cut.rows] = inner + outer if len(outer) else inner
+        members = classify_gaussians(weights, probability, selection, config.evidence)
+        # Of parts, the masks alone decide: the label is that of the whole.
+        stays = (selection | members)[cut.rows] & (share_inside(inner, MIN_SEEN_PIXELS) > UNDECIDED)
+        if len(outer):
+            stays &= share_inside(outer, MIN_SEEN_PIXELS) < UNDECIDED
+        members[cut.rows[stays]] = True
+        return members, cut.select(stays)
 
 
 def classify_gaussians(

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
 
 import cv2
 import numpy as np
@@ -18,8 +17,8 @@ from gaussian_trimmer.geometry.graphs import distance_to_outside
 from gaussian_trimmer.geometry.split import SPLIT_RULES, split_plane
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering import blend_weights, top_contributors
-from gaussian_trimmer.settings import Range
-from gaussian_trimmer.trimming.evidence import Decomposition
+from gaussian_trimmer.trimming.arguments import StrokeCut
+from gaussian_trimmer.trimming.config import BoundaryConfig, SplitConfig
 from gaussian_trimmer.trimming.refinement import Pieces
 from gaussian_trimmer.views.view import TrimmedView
 
@@ -33,25 +32,6 @@ _STROKE_ROUNDS = 3
 """A Gaussian as long as a stroke is wide crosses both of its edges, and its halves are soft."""
 _LEAST_SHARE_UNDER = 0.1
 """Share of what shows of a Gaussian under a stroke from which on it is cut."""
-
-
-@dataclass(frozen=True)
-class BoundaryConfig:
-    """Which Gaussians straddle the boundary."""
-
-    band: Annotated[int, Range(1, 64)] = 2
-    """Distance from a mask's contour, in pixels, within which contributing Gaussians are looked up."""
-    contributors: Annotated[int, Range(1, 256)] = 10
-    """Number of Gaussians looked up at each of these pixels, those of largest blend weight."""
-
-
-@dataclass(frozen=True)
-class SplitConfig:
-    """What is done with Gaussians that straddle the boundary."""
-
-    rule: Literal["plane", "principal_axis", "sagd", "none"] = "none"
-    """`plane`: cut at the silhouette; `principal_axis`: eqs. 8 and 9 of the paper; `sagd`: SAGD's single, smaller
-    child; `none`: no Gaussian is split."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +48,30 @@ class Straddlers:
     """Blend weight on the side that the Gaussian shows less on, in the view that gave the plane, (S,)."""
 
 
+@dataclass(frozen=True, eq=False)
+class CutGaussians:
+    """Gaussians that are the object's in part."""
+
+    rows: IntArray
+    """Their rows, ascending, (S,)."""
+    inner: Gaussians
+    """Their parts inside the object, (S,)."""
+    outer: Gaussians | None
+    """Their parts outside it, (S,); None if the rule keeps only one part."""
+
+    def select(self, rows: BoolArray) -> CutGaussians | None:
+        """Return some of them, (S,); None if it is none."""
+        outer = None if self.outer is None else self.outer.select(rows)
+        return CutGaussians(self.rows[rows], self.inner.select(rows), outer) if rows.any() else None
+
+
 def split_straddlers(
     gaussians: Gaussians,
     candidates: BoolArray,
     accepted: Sequence[TrimmedView],
     boundary: BoundaryConfig,
     config: SplitConfig,
-) -> Decomposition:
+) -> CutGaussians:
     """Cut the Gaussians that straddle the outline of the object in the views.
 
     Args:
@@ -83,15 +80,13 @@ def split_straddlers(
         accepted: views whose masks were accepted.
         boundary: which Gaussians straddle.
         config: the rule that cuts them.
-
-    Returns:
-        A division of the N Gaussians of which nothing is decided yet: all candidates are members.
     """
     if config.rule == "none" or not candidates.any():
-        return Decomposition(candidates, np.zeros(0, np.int64))
+        return CutGaussians(np.zeros(0, np.int64), gaussians.select(slice(0)), None)
     found = find_straddlers(gaussians, candidates, accepted, boundary)
-    cut = SPLIT_RULES[config.rule](gaussians.select(found.rows), found.normals, found.offsets)
-    return Decomposition(candidates, found.rows, *cut)
+    return CutGaussians(
+        found.rows, *SPLIT_RULES[config.rule](gaussians.select(found.rows), found.normals, found.offsets)
+    )
 
 
 def find_straddlers(
@@ -190,17 +185,6 @@ def _tangent_planes(means: Float64Array, camera: Camera, mask: BoolArray) -> tup
     normals *= np.where(np.einsum("ni,ni->n", normals, inner) < 0, -1.0, 1.0)[:, None]
     distances = np.einsum("ni,ni->n", normals, means - camera.centre)
     return normals, np.where(slope[:, 0] > _MIN_SLOPE, distances, np.nan)
-
-
-@dataclass(frozen=True, eq=False)
-class StrokeCut:
-    """A stroke in a view. N Gaussians of the scene."""
-
-    camera: Camera
-    mask: BoolArray
-    """Pixels under the stroke, (H, W)."""
-    spared: BoolArray
-    """What was selected again after it, (N,)."""
 
 
 def cut_at_stroke(pieces: Pieces, cut: StrokeCut) -> tuple[Pieces, Pieces]:

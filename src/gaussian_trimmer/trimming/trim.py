@@ -152,7 +152,7 @@ def _light(decisions: Sequence[Decision]) -> Iterator[Decision]:
 def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) -> Removal | None:
     """Return what the Gaussians around an object are without it; None if it is left as it was, or has nothing left."""
     crop, config = decision.crop, setup.config
-    if decision.parts is None or not (owner[crop.rows] == number).any():
+    if decision.members is None or not (owner[crop.rows] == number).any():
         return None
     up, size = crop.bounds.axes[2], config.refinement.size
     views = views_around(setup.scene, crop.rows, owner, number, up, crop.cameras, size)
