@@ -37,6 +37,11 @@ class Bounds:
         """Half of the box's diagonal."""
         return float(np.linalg.norm(self.half_extents))
 
+    def squared_distances(self, points: FloatArray) -> FloatArray:
+        """Return squared distances of points (N, 3) from the centre, (N,)."""
+        offset = points - self.centre.astype(np.float32)
+        return np.asarray(np.einsum("ni,ni->n", offset, offset))
+
     def corners(self) -> Float64Array:
         """Return the eight corners in the world, (8, 3)."""
         signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), -1).reshape(8, 3)

@@ -18,14 +18,14 @@ from gaussian_trimmer.gaussians import (
     concatenate,
     mask_of_rows,
 )
-from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds, touching
+from gaussian_trimmer.geometry.bounds import Bounds, touching
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering import Rendering, blend_values, render
 from gaussian_trimmer.trimming.arguments import Setup, same_cameras
 from gaussian_trimmer.trimming.config import CONTEXT_RADIUS
-from gaussian_trimmer.views.by_sight import TRIAL_RADII, ChosenViews, choose_views
+from gaussian_trimmer.views.by_sight import ChosenViews, place_cameras
 from gaussian_trimmer.views.view import HALF, View, bounding_box, clearly_nearer, shown_by
-from gaussian_trimmer.views.virtual_cameras import cameras_around, cameras_that_see, framed_bounds
+from gaussian_trimmer.views.virtual_cameras import framed_bounds
 
 _MOST_STEPS = 8
 """Limit to the work: steps from Gaussian to touching Gaussian in which what is selected hangs together with the
@@ -85,27 +85,18 @@ def crop_scene(
     """
     scene, config = setup.scene, setup.config
     target = scene.select(selection)
-    bounds = whole_bounds = framed_bounds(target, up, config.plan)
-    squared = _squared_distances(scene, bounds)
-    rows, selected = _surroundings(scene, selection, squared, bounds, config.context_radius)
-    seeing, chosen = cameras_that_see(training_cameras(setup.cameras), bounds), None
-    if setup.view_cameras:
-        cameras = list(setup.view_cameras)
-    elif config.plan.is_free and not seeing:
-        members = rows[selected]
-        if len(members) < len(target):
-            bounds = robust_bounds(scene.select(members), bounds.axes)
-        near = squared < (TRIAL_RADII * whole_bounds.radius) ** 2
-        near[members] = False
-        count = max(config.plan.views, config.refinement.views)
-        chosen = choose_views(scene, members, np.flatnonzero(near), bounds, count, marked_from)
-        cameras = chosen.cameras(config.plan.views, config.plan.size, config.plan.fov_degrees, config.plan.fill)
-    else:
-        cameras = cameras_around(target, bounds, config.plan, seeing)
+    bounds = framed_bounds(target, up, config.plan)
+    rows, selected = _surroundings(scene, selection, bounds, config.context_radius)
+    cameras, chosen = list(setup.view_cameras or ()), None
+    if not cameras:
+        training, count = training_cameras(setup.cameras), max(config.plan.views, config.refinement.views)
+        cameras, chosen = place_cameras(
+            scene, target, rows[selected], bounds, config.plan, count, training, marked_from
+        )
     masked = [camera for camera, _ in setup.masks or ()]
     pictured = bool(masked) and not same_cameras(masked, cameras)
     if pictured:
-        cameras, bounds = masked, whole_bounds
+        cameras, chosen = masked, None
     planned = not pictured and not setup.view_cameras
     occluding = np.zeros(len(scene), np.bool_)
     if not planned and config.context_radius > 0:
@@ -113,7 +104,7 @@ def crop_scene(
         occluding[rows] = False
     return SceneCrop(
         scene,
-        bounds,
+        chosen.bounds if chosen else bounds,
         cameras,
         rows,
         selected,
@@ -121,7 +112,7 @@ def crop_scene(
         scene.select(occluding),
         planned,
         pictured,
-        chosen if planned else None,
+        chosen,
     )
 
 
@@ -158,14 +149,8 @@ def complete_views(
     return views
 
 
-def _squared_distances(scene: Gaussians, bounds: Bounds) -> FloatArray:
-    """Return squared distances of all Gaussians from an object's centre, (N,)."""
-    offset = scene.means - bounds.centre.astype(np.float32)
-    return np.asarray(np.einsum("ni,ni->n", offset, offset))
-
-
 def _surroundings(
-    scene: Gaussians, selection: BoolArray, squared: FloatArray, bounds: Bounds, context_radius: float
+    scene: Gaussians, selection: BoolArray, bounds: Bounds, context_radius: float
 ) -> tuple[IntArray, BoolArray]:
     """Return scene rows of the object and of the Gaussians around it (eq. 7), and which of them are the object.
 
@@ -173,6 +158,7 @@ def _surroundings(
     wider than what is looked at.
     """
     reach = max(context_radius, CONTEXT_RADIUS) * bounds.radius
+    squared = bounds.squared_distances(scene.means)
     possible = selection & (scene.largest_log_scales < np.log(reach))
     members = possible & (squared < reach**2)
     members = _with_connected(scene, possible, members) if members.any() else selection

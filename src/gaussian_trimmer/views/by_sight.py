@@ -15,20 +15,20 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, concatenate
-from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering import blend_weights
 from gaussian_trimmer.views.camera_rings import framing_ring
 from gaussian_trimmer.views.small_views import angles_around
 from gaussian_trimmer.views.standing import thinned
-from gaussian_trimmer.views.virtual_cameras import MAX_PITCH, PlanConfig
+from gaussian_trimmer.views.virtual_cameras import MAX_PITCH, PlanConfig, cameras_around, cameras_that_see
 
 _PITCHES_DEGREES = (8.0, 25.0, 45.0, 65.0)
 _YAWS_AT_HORIZON = 16
 """Directions that there are at the lowest heights; higher rings are shorter and have fewer."""
 _TRIAL_PIXELS = 32
 """Width and height of the small pictures. They are taken from nearby, in the lens of planned views."""
-TRIAL_RADII = 2.5
+_TRIAL_RADII = 2.5
 """Distance from the object's centre, in object radii, up to which the scene is drawn: all these cameras are nearer."""
 _TRIED_GAUSSIANS = 5000
 """Gaussians of the object, and around it, that are drawn on trial at most, larger as they are fewer."""
@@ -59,6 +59,39 @@ class ChosenViews:
         return framing_ring(self.bounds, self.yaws[:count][order], self.pitches[:count][order], size, fov, fill)
 
 
+def place_cameras(
+    scene: Gaussians,
+    target: Gaussians,
+    rows: IntArray,
+    bounds: Bounds,
+    config: PlanConfig,
+    count: int,
+    training: Sequence[Camera],
+    marked_from: Sequence[Camera],
+) -> tuple[list[Camera], ChosenViews | None]:
+    """Return virtual cameras, within the angles from which training cameras saw the object, or else by what they show.
+
+    Args:
+        scene: all N Gaussians.
+        target: the selected object.
+        rows: what is selected of the scene, without floaters.
+        bounds: the selected object's; their third axis is up.
+        config: how many cameras, and where they may stand.
+        count: number of directions to choose, if they are chosen by what they show; these are returned, too.
+        training: training cameras, if known.
+        marked_from: cameras from whose directions somebody has seen the object.
+    """
+    seeing = cameras_that_see(training, bounds)
+    if seeing or not config.is_free:
+        return cameras_around(target, bounds, config, seeing), None
+    near = bounds.squared_distances(scene.means) < (_TRIAL_RADII * bounds.radius) ** 2
+    near[rows] = False
+    if len(rows) < len(target):
+        bounds = robust_bounds(scene.select(rows), bounds.axes)
+    chosen = choose_views(scene, rows, np.flatnonzero(near), bounds, count, marked_from)
+    return chosen.cameras(config.views, config.size, config.fov_degrees, config.fill), chosen
+
+
 def choose_views(
     scene: Gaussians,
     rows: IntArray,
@@ -72,7 +105,7 @@ def choose_views(
     Args:
         scene: all N Gaussians.
         rows: those of the object.
-        around: those that may hide it, up to `TRIAL_RADII` away.
+        around: those that may hide it, up to `_TRIAL_RADII` away.
         bounds: the object's; their third axis is up.
         count: number of views; fewer are chosen if no others show enough.
         marked_from: cameras from whose directions somebody has seen the object: these are taken first.
