@@ -348,5 +348,5 @@ def _describe_change(before: Selection, after: Selection) -> str:
         return "Cut:"
     if any(cut.spared.sum() > was.spared.sum() for cut, was in zip(after.cuts, before.cuts, strict=False)):
         return "Put back what was cut:"
-    kept_out = int(np.count_nonzero(after.removed & ~before.removed))
+    kept_out = int(np.count_nonzero(after.excluded_mask & ~before.excluded_mask))
     return f"Removed nothing that is selected; the trim will leave out {kept_out:,}:" if kept_out else ""

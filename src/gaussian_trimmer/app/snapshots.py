@@ -172,7 +172,7 @@ class MarkedObject:
         if result is None:
             return mask
         rough = result.selection
-        return np.asarray((result.object_mask | (mask & ~rough)) & ~(rough & ~mask) & ~self.selected.removed)
+        return np.asarray((result.object_mask | (mask & ~rough)) & ~(rough & ~mask) & ~self.selected.excluded_mask)
 
     @property
     def n_selected(self) -> int:

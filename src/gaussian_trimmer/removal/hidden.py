@@ -70,17 +70,17 @@ def find_hidden(views: RemovalViews, surfaces: Sequence[Surface]) -> tuple[BoolA
     """
     within, above = _where_the_object_was(views, surfaces)
     there = within & (above | _foreign_colours(views))
-    interior, isolated = np.zeros(len(there), np.bool_), np.zeros(len(there), np.float32)
+    interior, unoccluded = np.zeros(len(there), np.bool_), np.zeros(len(there), np.float32)
     noticed = _MIN_SHOWN_SHARE * sum(camera.width * camera.height for camera in views.cameras)
     for _ in range(_MAX_ROUNDS):
-        alone = views.weigh(~(views.removed | interior))
-        isolated = np.maximum(isolated, alone.sum(axis=1))
-        found = there & (isolated > noticed) & (views.total_visible <= _MAX_VISIBLE_SHARE * isolated)
-        found &= (alone[:, 1] >= _MIN_INSIDE_SHARE * isolated) & ~interior
+        shown = views.weigh(~(views.removed | interior))
+        unoccluded = np.maximum(unoccluded, shown.sum(axis=1))
+        found = there & (unoccluded > noticed) & (views.total_visible <= _MAX_VISIBLE_SHARE * unoccluded)
+        found &= (shown[:, 1] >= _MIN_INSIDE_SHARE * unoccluded) & ~interior
         if not found.any():
             break
         interior |= found
-    return interior | _find_fragments(views, interior, within & above), isolated
+    return interior | _find_fragments(views, interior, within & above), unoccluded
 
 
 def _where_the_object_was(views: RemovalViews, surfaces: Sequence[Surface]) -> tuple[BoolArray, BoolArray]:

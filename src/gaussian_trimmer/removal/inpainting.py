@@ -48,7 +48,7 @@ _LEAST_RELIGHT_FACTOR = 1.02
 
 
 def inpaint_surfaces(
-    views: RemovalViews, surfaces: Sequence[Surface], gone: BoolArray, isolated: FloatArray
+    views: RemovalViews, surfaces: Sequence[Surface], gone: BoolArray, unoccluded: FloatArray
 ) -> tuple[Gaussians, BoolArray, Float64Array]:
     """Return new Gaussians where the object hid the surfaces, those that they replace (N,), and relight factors (N,).
 
@@ -58,14 +58,14 @@ def inpaint_surfaces(
         views: the object from all around.
         surfaces: what it stands on, hangs on or leans against.
         gone: what only the object hid, and fragments of it, (N,).
-        isolated: blend weight of each Gaussian in the views without the object, (N,).
+        unoccluded: blend weight of each Gaussian in the views without the object, (N,).
     """
     gaussians, background = views.gaussians, ~(views.removed | gone)
-    visible = views.total_visible > _MAX_VISIBLE_SHARE * isolated
+    visible = views.total_visible > _MAX_VISIBLE_SHARE * unoccluded
     replaced, factor = np.zeros(len(gaussians), np.bool_), np.ones(len(gaussians))
     new = [gaussians.select(slice(0))]
     for surface in surfaces:
-        picture = take_picture(views, surface, surfaces, isolated, gone)
+        picture = take_picture(views, surface, surfaces, unoccluded, gone)
         if not picture.hole.any():
             continue
         hole = grown(picture.hole, _RIM_PIXELS) & ~picture.empty

@@ -44,7 +44,7 @@ def remove(views: RemovalViews, *, fill: bool, with_standing: bool = False) -> R
         with_standing: the things that stand on the object leave with it.
     """
     surfaces = find_surfaces(views)
-    gone, isolated = find_hidden(views, surfaces)
+    gone, unoccluded = find_hidden(views, surfaces)
     things, remnants, splinters = find_hanging(views, gone, surfaces)
     leaving = remnants | (things > 0) if with_standing else remnants
     if leaving.any():
@@ -52,7 +52,7 @@ def remove(views: RemovalViews, *, fill: bool, with_standing: bool = False) -> R
         removal = remove(larger, fill=fill, with_standing=with_standing)
         return replace(removal, discarded=removal.discarded | leaving)
     gone |= splinters
-    found = inpaint_surfaces(views, surfaces, gone, isolated) if fill and surfaces else None
+    found = inpaint_surfaces(views, surfaces, gone, unoccluded) if fill and surfaces else None
     n = len(views.gaussians)
     inpainted, replaced, factor = found or (views.gaussians.select(slice(0)), np.zeros(n, np.bool_), np.ones(n))
     stays, warnings = ~(views.removed | gone | replaced), _what_stays(things)

@@ -73,12 +73,12 @@ class Selection:
         return np.array(self.mask, dtype, copy=bool(copy) or dtype not in (None, np.bool_))
 
     @property
-    def removed(self) -> BoolArray:
+    def excluded_mask(self) -> BoolArray:
         """What marks removed and none selected again, (N,)."""
         return np.zeros_like(self.mask) if self.excluded is None else self.excluded
 
     @property
-    def views(self) -> tuple[Camera, ...]:
+    def marked_from(self) -> tuple[Camera, ...]:
         """Cameras of the views in which marks added to it."""
         added = (m for m in self.marks.marks if isinstance(m, Click | Box) and m.effect == "add") if self.marks else ()
         return tuple(mark.view.camera for mark in added if isinstance(mark.view, Viewpoint))
@@ -86,11 +86,11 @@ class Selection:
     def combined(self, found: BoolArray, effect: Effect) -> Selection:
         """Combine with what a mark means, (N,); what one removes is excluded whether or not it was selected."""
         if effect == "remove":
-            return replace(self, mask=self.mask & ~found, excluded=self.removed | found)
+            return replace(self, mask=self.mask & ~found, excluded=self.excluded_mask | found)
         mask = self.mask | found if effect == "add" else self.mask & found
         spared = found if effect == "add" else np.zeros_like(found)
         cuts = tuple(replace(cut, spared=cut.spared | spared) for cut in self.cuts)
-        return replace(self, mask=mask, excluded=self.removed & ~mask, cuts=cuts)
+        return replace(self, mask=mask, excluded=self.excluded_mask & ~mask, cuts=cuts)
 
     def save(self, path: str | Path) -> None:
         """Write the mask as .npy and, if marks made it, these beside it as .json: `trim` takes either.

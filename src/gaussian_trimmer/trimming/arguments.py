@@ -45,8 +45,8 @@ class RoughObject:
     """Gaussians of the scene that marks removed from it, (N,); None: none."""
     cuts: tuple[StrokeCut, ...] = ()
     """Strokes at which it is cut."""
-    views: tuple[Camera, ...] = ()
-    """From where it was marked, if that is known."""
+    marked_from: tuple[Camera, ...] = ()
+    """Cameras of the views in which it was marked, if that is known."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -189,7 +189,7 @@ def rough_objects(objects: Any, n: int) -> list[RoughObject]:
             rows_of_selection(selection, n),
             mask_of_excluded(getattr(selection, "excluded", None), n),
             getattr(selection, "cuts", ()),
-            getattr(selection, "views", ()),
+            getattr(selection, "marked_from", ()),
         )
         for place, (key, selection) in enumerate(objects.items(), 1)
     ]

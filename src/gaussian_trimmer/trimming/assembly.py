@@ -149,8 +149,8 @@ def assemble_result(
     """
     scene, (trimmed, cut_off) = setup.scene, zip(*assembled, strict=True)
     outer, split = [pieces.gaussians for pieces in cut_off], [pieces.source for pieces in cut_off]
-    removed = [(d.crop.rows, removal) for d, removal in zip(decisions, removals, strict=True) if removal]
-    for _, removal in removed:
+    changes = [(d.crop.rows, removal) for d, removal in zip(decisions, removals, strict=True) if removal]
+    for _, removal in changes:
         if removal.not_filled:
             LOG.info("not filled: %s", removal.not_filled)
     objects = tuple(
@@ -166,14 +166,14 @@ def assemble_result(
         share[decision.considered[own]] = decision.share[own]
     for part in objects:
         selected[part.selected_rows] = True
-    for rows, removal in removed:
+    for rows, removal in changes:
         discarded[rows[removal.discarded | removal.replaced]] = True
         gain[rows] = np.maximum(gain[rows], removal.relight_factor)
     unowned = owner == 0
     discarded = unowned & (discarded | scene.blank)
     relit = np.flatnonzero(unowned & ~discarded & (gain > 1))
     whole = np.flatnonzero(unowned & ~discarded & (gain == 1))
-    filled = concatenate([scene.select(slice(0)), *(removal.inpainted for _, removal in removed)])
+    filled = concatenate([scene.select(slice(0)), *(removal.inpainted for _, removal in changes)])
     labels = [
         np.where(selected[whole], RowLabel.REMOVED, RowLabel.KEPT),
         np.full(sum(map(len, outer)), RowLabel.SPLIT_OUTSIDE),

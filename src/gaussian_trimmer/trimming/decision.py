@@ -170,7 +170,7 @@ def _plan(setup: Setup, rough: RoughObject) -> tuple[SceneCrop, UpVector, tuple[
     """Return where to look from, the up vector, warnings, and which input is wrong, if one is."""
     scene, selection = setup.scene, mask_of_rows(rough.rows, len(setup.scene))
     up = setup.up or find_up(scene, setup.cameras, setup.config.up, selection)
-    crop = crop_scene(setup, selection, _excluded(setup, rough), up.direction, rough.views)
+    crop = crop_scene(setup, selection, _excluded(setup, rough), up.direction, rough.marked_from)
     wrong = find_wrong_input(scene, selection, crop.bounds, training_cameras(setup.cameras))
     doubt = setup.up_warning
     if setup.up is None and not wrong:
