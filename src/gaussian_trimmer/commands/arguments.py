@@ -62,7 +62,8 @@ def add_scene(parser: Parser, **more: Any) -> None:
 
 def add_stages(group: Any, parser: Parser, *, rare: bool = False) -> None:
     """Add preset, number of views, and every setting of the stages of a trim."""
-    from gaussian_trimmer.trimming.config import PlanConfig, TrimConfig
+    from gaussian_trimmer.trimming.config import TrimConfig
+    from gaussian_trimmer.views.virtual_cameras import PlanConfig
 
     preset = "Defaults of all settings: this program's, or the GaussianTrimmer paper's"
     group.add_argument("--preset", kind=Literal["default", "paper"], default="default", help=preset, rare=rare)

@@ -117,15 +117,10 @@ class RemovalViews:
             float(rendering.weights[self.of_object].sum() / max(alone.alpha.sum(), 1))
             for rendering, alone in zip(self.renderings, self.alone, strict=True)
         ]
+        least = HALF * max(shares, default=0)
         return [
-            Sight(camera, silhouette, points_at(camera, np.where(seen.alpha > HALF, seen.depth, _FAR)), most)
-            for camera, silhouette, seen, most in zip(
-                self.cameras,
-                self.silhouettes,
-                self.renderings,
-                [share > HALF * max(shares) for share in shares],
-                strict=True,
-            )
+            Sight(camera, mask, points_at(camera, np.where(seen.alpha > HALF, seen.depth, _FAR)), share > least)
+            for camera, mask, seen, share in zip(self.cameras, self.silhouettes, self.renderings, shares, strict=True)
         ]
 
     @cached_property

@@ -39,9 +39,7 @@ class ObjectRender:
     alone: Drawing
     """The object by itself."""
     scene: Drawing
-    """The object and what is around it."""
-    picture: FloatArray
-    """Colours of the scene, (3, H, W). Without a mask only tiles that the object reaches are drawn."""
+    """The object and what is around it. Without a mask only tiles that the object reaches are drawn."""
     share: FloatArray
     """Sum of the blend weights that the object's Gaussians have in the scene, S, (H, W)."""
     mask: FloatArray | None
@@ -85,7 +83,7 @@ class OutlineViews:
         unknown = clearly_nearer(together.depth, depth, self.radius) & ~consistent
         if self.ground is not None:
             unknown &= ~self.ground.pixels_below(camera, depth)
-        return ObjectRender(alone, together, together.image[:3], share, mask, consistent, unknown)
+        return ObjectRender(alone, together, share, mask, consistent, unknown)
 
 
 def coverage_target(render: ObjectRender) -> Target:
@@ -94,7 +92,7 @@ def coverage_target(render: ObjectRender) -> Target:
     if coverage is None:
         shown = np.minimum(opacity, np.sqrt(np.maximum(opacity * render.share, 0) / _TRUSTED_SHARE))
         coverage = np.clip(HALF + _SHARPENING_FACTOR * (shown - HALF), 0, 1)
-    picture = np.concatenate([np.clip(render.picture, 0, 1) * coverage, coverage[None]]).astype(np.float32)
+    picture = np.concatenate([np.clip(render.scene.image[:3], 0, 1) * coverage, coverage[None]]).astype(np.float32)
     counts = np.where(render.unknown, np.float32(0), np.float32(1))
     # The three channels of colour count as much together as coverage does.
     return Target(render.alone.camera, picture, np.stack([counts / 3, counts / 3, counts / 3, counts]))

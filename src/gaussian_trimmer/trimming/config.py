@@ -15,19 +15,6 @@ from gaussian_trimmer.trimming.label_crf import LabelCrfConfig
 from gaussian_trimmer.trimming.refinement import RefineConfig
 from gaussian_trimmer.views.virtual_cameras import PlanConfig
 
-__all__ = [
-    "CONTEXT_RADIUS",
-    "AcceptanceConfig",
-    "BoundaryConfig",
-    "EvidenceConfig",
-    "LabelCrfConfig",
-    "PlanConfig",
-    "RefineConfig",
-    "SplitConfig",
-    "TrimConfig",
-    "paper_config",
-]
-
 CONTEXT_RADIUS = 1.8
 """Radius around the object's centre, in object radii, within which other Gaussians are rendered with the object."""
 

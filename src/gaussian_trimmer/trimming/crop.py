@@ -49,8 +49,6 @@ class SceneCrop:
     """Which of them may not become part of the object, (L,)."""
     occluders: Gaussians
     """What else the cameras see before the object, unless they were planned: pictures and masks show that, too."""
-    planned: bool
-    """Whether the cameras are virtual ones that were planned for the object."""
     pictured: bool
     """Whether there are masks of pictures from the cameras, which show more than the scene does."""
     chosen: ChosenViews | None = None
@@ -97,9 +95,8 @@ def crop_scene(
     pictured = bool(masked) and not same_cameras(masked, cameras)
     if pictured:
         cameras, chosen = masked, None
-    planned = not pictured and not setup.view_cameras
     occluding = np.zeros(len(scene), np.bool_)
-    if not planned and config.context_radius > 0:
+    if (pictured or setup.view_cameras) and config.context_radius > 0:
         occluding = shown_by(scene, cameras, bounds)
         occluding[rows] = False
     return SceneCrop(
@@ -110,19 +107,14 @@ def crop_scene(
         selected,
         (excluded & ~selection)[rows],
         scene.select(occluding),
-        planned,
         pictured,
         chosen,
     )
 
 
-def render_crop(crop: SceneCrop) -> tuple[list[Rendering], list[Rendering]]:
-    """Draw a crop, and the selected object of it alone, for each of its cameras, with blend weights."""
-
-    def drawn(gaussians: Gaussians) -> list[Rendering]:
-        return list(parallel_map(lambda c: render(gaussians, c, weights=True), crop.cameras))
-
-    return drawn(crop.shown), drawn(crop.local.select(crop.selected))
+def render_views(gaussians: Gaussians, cameras: Sequence[Camera]) -> list[Rendering]:
+    """Draw Gaussians for each of some cameras, with blend weights."""
+    return list(parallel_map(lambda camera: render(gaussians, camera, weights=True), cameras))
 
 
 def complete_views(

@@ -21,7 +21,7 @@ from gaussian_trimmer.trimming.acceptance import check_masks, excessive_loss, re
 from gaussian_trimmer.trimming.alpha_targets import OutlineViews, resized_mask
 from gaussian_trimmer.trimming.arguments import RoughObject, Setup
 from gaussian_trimmer.trimming.clock import Clock
-from gaussian_trimmer.trimming.crop import SceneCrop, complete_views, crop_scene, render_crop
+from gaussian_trimmer.trimming.crop import SceneCrop, complete_views, crop_scene, render_views
 from gaussian_trimmer.trimming.diagnosis import find_wrong_input, selection_warning, up_warning
 from gaussian_trimmer.trimming.evidence import prune
 from gaussian_trimmer.trimming.label_crf import correct_labels
@@ -156,7 +156,8 @@ def _look(setup: Setup, crop: SceneCrop, clock: Clock) -> tuple[list[View], Floa
     these are alone, (S,), in pixels of five views of 512 x 512.
     """
     with clock("render"):
-        pictures, objects = render_crop(crop)
+        shown = crop.shown, crop.local.select(crop.selected)
+        pictures, objects = (render_views(gaussians, crop.cameras) for gaussians in shown)
         visible, alone = (visible_weight([p.weights for p in drawn], crop.cameras) for drawn in (pictures, objects))
         visible = visible[: len(crop.rows)]
     with clock("correct"):
@@ -205,7 +206,7 @@ def _outline_views(
     Masks of pictures know more of the object's outline than the scene does.
     """
     settings, bounds, masks = setup.config.refinement, crop.bounds, None
-    if not crop.planned:
+    if crop.pictured or setup.view_cameras:
         close = [close_up_of(trimmed.view.camera, bounds, settings.size) for trimmed in accepted]
         cameras = [camera for camera, _ in close]
         if crop.pictured:

@@ -15,7 +15,8 @@ import numpy as np
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate, mask_of_rows
 from gaussian_trimmer.rendering.tile_renderer import UNDECIDED, label_weights, share_inside
 from gaussian_trimmer.trimming.clock import Clock
-from gaussian_trimmer.trimming.config import EvidenceConfig, TrimConfig
+from gaussian_trimmer.trimming.config import TrimConfig
+from gaussian_trimmer.trimming.evidence import EvidenceConfig
 from gaussian_trimmer.trimming.straddlers import CutGaussians, split_straddlers
 from gaussian_trimmer.views.view import HALF, MIN_SEEN_PIXELS, TrimmedView, visible_weight
 

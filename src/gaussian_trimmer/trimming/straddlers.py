@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -34,8 +35,7 @@ _LEAST_SHARE_UNDER = 0.1
 """Share of what shows of a Gaussian under a stroke from which on it is cut."""
 
 
-@dataclass(frozen=True, eq=False)
-class Straddlers:
+class Straddlers(NamedTuple):
     """Gaussians that show on both sides of a mask's contour, each with the plane that cuts it best."""
 
     rows: IntArray
@@ -107,14 +107,10 @@ def find_straddlers(
     def in_view(trimmed: TrimmedView) -> Straddlers:
         return straddlers_in_view(gaussians, candidates, trimmed.view.camera, trimmed.mask, config)
 
-    found = list(parallel_map(in_view, views))
-    rows = np.concatenate([straddlers.rows for straddlers in found])
-    normals = np.concatenate([straddlers.normals for straddlers in found])
-    offsets = np.concatenate([straddlers.offsets for straddlers in found])
-    minor_weight = np.concatenate([straddlers.minor_weight for straddlers in found])
-    order = np.lexsort((-minor_weight, rows))
-    first = order[np.unique(rows[order], return_index=True)[1]]
-    return Straddlers(rows[first], normals[first], offsets[first], minor_weight[first])
+    found = Straddlers._make(map(np.concatenate, zip(*parallel_map(in_view, views), strict=True)))
+    order = np.lexsort((-found.minor_weight, found.rows))
+    first = order[np.unique(found.rows[order], return_index=True)[1]]
+    return Straddlers._make(values[first] for values in found)
 
 
 def contour_pixels(mask: BoolArray, band: int) -> IntArray:
