@@ -1,5 +1,6 @@
 """The examples run on their own, and print what they promise."""
 
+import json
 import re
 import runpy
 from pathlib import Path
@@ -75,10 +76,58 @@ def splat_formats(printed):
     assert lost[".ply"] == lost[".glb"] == "" and "colour" in lost[".splat"] and "precision" in lost[".sog"]
 
 
+def select_by_marks(printed):
+    counts = [numbers(line)[-2] for line in printed]
+    assert counts[0] == SELECTED > counts[1] < counts[2]
+
+
+def several_objects(printed):
+    (*_, low, _), (*_, high, _) = map(numbers, printed[:2])
+    assert 900 < low < 1300 and 900 < high < 1300 and numbers(printed[2])[-1] == low + high
+
+
+def size_in_metres(printed):
+    assert 0.7 < numbers(printed[0])[1] < 0.8 and printed[1].endswith("0.30 m")
+
+
+def errors_and_refusals(printed):
+    *wrong, refused, trimmed = printed
+    assert len(wrong) == 3 and all(line.startswith("cannot: ") for line in wrong)
+    assert "scattered" in refused and 2000 < numbers(trimmed)[0] < SELECTED
+
+
+def which_way_is_up(printed):
+    assert [line.partition(" (")[2].partition(",")[0] for line in printed if line.startswith("by")] == [
+        "camera file", "ground plane", "ground plane", "given",
+    ]  # fmt: skip
+    assert sum("is a guess" in line for line in printed) == 1
+
+
+def what_became_of_each_row(printed):
+    counts = {line.partition(":")[0]: numbers(line)[0] for line in printed[:-1]}
+    assert counts["kept"] > 55000 and counts["filled"] > 0 and printed[-1].startswith("the same rows: True; ")
+    assert numbers(printed[-1])[0] == counts["filled"]
+
+
+def one_object_after_another(printed):
+    first, second, shared = numbers(printed[0])
+    assert first > 2000 and second > 1000 and shared == 0
+
+
+def your_own_report(printed):
+    row = json.loads(printed[0])
+    assert row["state"] == "done" and row["selected"] == SELECTED and len(printed) == 3
+
+
+def a_folder_of_scenes(printed):
+    assert [line.partition(", ")[0] for line in printed[-2:]] == ["garden: done", "kitchen: done"]
+
+
 CHECKS = {
     "01_trim_one_object.py": trim_one_object,
     "02_lift_masks_and_trim.py": lift_masks_and_trim,
     "03_bring_your_own_masks.py": bring_your_own_masks,
+    "04_select_by_marks.py": select_by_marks,
     "05_measure_a_trim.py": measure_a_trim,
     "07_find_objects.py": find_objects,
     "08_click_and_correct.py": click_and_correct,
@@ -86,9 +135,20 @@ CHECKS = {
     "10_files_for_engines.py": files_for_engines,
     "11_arrays_of_a_trainer.py": arrays_of_a_trainer,
     "12_splat_formats.py": splat_formats,
+    "13_several_objects.py": several_objects,
+    "14_size_in_metres.py": size_in_metres,
+    "15_errors_and_refusals.py": errors_and_refusals,
+    "16_which_way_is_up.py": which_way_is_up,
+    "17_what_became_of_each_row.py": what_became_of_each_row,
+    "18_one_object_after_another.py": one_object_after_another,
+    "19_your_own_report.py": your_own_report,
+    "20_a_folder_of_scenes.py": a_folder_of_scenes,
 }
 """Example -> what is checked of the lines that it prints."""
-QUICK = {"01_trim_one_object.py", "05_measure_a_trim.py", "11_arrays_of_a_trainer.py", "12_splat_formats.py"}
+QUICK = {
+    "01_trim_one_object.py", "04_select_by_marks.py", "05_measure_a_trim.py", "11_arrays_of_a_trainer.py",
+    "12_splat_formats.py", "14_size_in_metres.py", "16_which_way_is_up.py",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -102,7 +162,7 @@ def test_an_example_prints_what_it_promises(name, capsys, monkeypatch, tmp_path)
 
 def test_examples_are_many_and_short():
     lengths = {path.name: len(path.read_text().splitlines()) for path in EXAMPLES.glob("*.py")}
-    assert len(lengths) >= 10 and all(length < 40 for length in lengths.values()), lengths
+    assert len(lengths) >= 19 and all(length < 40 for length in lengths.values()), lengths
 
 
 def test_every_example_is_tested_and_on_the_page_about_python():

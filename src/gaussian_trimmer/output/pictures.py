@@ -35,6 +35,8 @@ _WHOLE_OBJECT_MARGIN = 1.05
 """Distance of the frame from the outermost Gaussians of the object, relative to theirs from the middle."""
 _SMALLEST_ZOOM = 0.25
 """How much a picture may be widened for single Gaussians far from the rest."""
+_SCENE_ZOOM = 0.65
+"""How much smaller the scene without the object is drawn than the object."""
 _HIDING_ALPHA = 0.3
 """Mean opacity before an object's place from which on what stands there is left out."""
 _MOST_DRAWN = 2_000_000
@@ -122,7 +124,8 @@ def _draw_object(result: TrimResult, part: TrimmedObject, columns: int, pitches:
         (f"{after}: {len(part.gaussians):,} Gaussians", part.gaussians, cameras),
     ]
     if len(scene) and not result.nothing_trimmed:
-        rows.append((rest, scene, [_past_what_hides(camera, scene, part.bounds) for camera in cameras]))
+        wider = [zoomed(camera, _SCENE_ZOOM) for camera in cameras]  # the object's place, and what it stood on
+        rows.append((rest, scene, [_past_what_hides(camera, scene, part.bounds) for camera in wider]))
     pictures = [_row(*row, verdicts) for row in rows]
     width = pictures[0].shape[1]
     closing = f"not trimmed: {part.refused}" if part.refused else checked_sentence(part, sides[0])
