@@ -125,6 +125,19 @@ def test_seeds_all_over_a_ball_mean_the_same_things(apart):
     assert max(shares) < 0.1 or min(shares) > 0.9
 
 
+def test_what_is_clicked_away_leaves_what_was_clicked():
+    """Two balls that touch are one thing for a click; a second one takes the other ball away."""
+    scene, first, second = two_balls(apart=1.9)
+    camera = toy.camera_at((6, 1, 4), (0, 1, 1))
+    clicks = [
+        Click(*pixel_of(camera, point), Viewpoint(camera), effect)
+        for point, effect in ((toy.CENTRE, "add"), (toy.CENTRE + np.array([0, 1.9, 0]), "remove"))
+    ]
+    both, one = (select(scene, clicks[:count], up=toy.UP).mask for count in (1, 2))
+    assert both[first].mean() > 0.9 and both[second].mean() > 0.9
+    assert one[first].mean() > 0.85 and one[second].mean() < 0.1
+
+
 def test_what_few_large_gaussians_show_is_one_object():
     """A ball of sixty Gaussians on a floor of two hundred: their centres alone are too few and too far apart."""
     rng = np.random.default_rng(0)

@@ -145,7 +145,7 @@ def test_what_few_tiles_found_alike_is_small_or_cut_off_is_doubted():
     found = choose_objects(few + small + cut, 200, UP)
     assert len(found) == 3
     assert max(one.thing.confidence for one in found) < 0.5
-    assert {one.thing.why.split(", ")[1].split()[0] for one in found} == {"found", "small", "reaches"}
+    assert {one.thing.why.split(", ")[1].split()[0] for one in found} == {"outlined", "small", "reaches"}
 
 
 def test_a_sure_object_has_no_doubts_and_an_unsure_one_has_each_once():

@@ -14,9 +14,9 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
 
 
-def middle_of(folder, name="0.png"):
+def middle_of(folder, name="0.png", point=toy.CENTRE):
     camera = next(camera for camera in read_camera_set(folder / "cameras.json").cameras if camera.name == name)
-    return [int(value) for value in camera.project(toy.CENTRE[None])[0][0]]
+    return [int(value) for value in camera.project(np.array([point]))[0][0]]
 
 
 def test_click_in_a_given_view(ball, tmp_path, capsys):
@@ -77,11 +77,11 @@ def test_a_selection_has_its_scenes_name_and_one_of_another_scene_is_kept(ball, 
 
 def test_marks_belong_to_the_view_before_them(ball, tmp_path, capsys):
     folder, scene, truth = ball
-    middle, behind = middle_of(folder), middle_of(folder, "2.png")
+    floor, behind = middle_of(folder, point=(1.5, 1.5, 0.0)), middle_of(folder, "2.png")
     command = ["select", folder / "scene.ply", "--cameras", folder / "cameras.json", "--output", tmp_path / "a.npy"]
     below = scene.means[:, 2] < 0.1
-    np.save(tmp_path / "below.npy", below)
-    marks = ["--view", "0", "--click", *middle, "--add", tmp_path / "below.npy", "--view=2", "--remove-click", *behind]
+    np.save(tmp_path / "all.npy", below | truth)
+    marks = ["--view", "0", "--click", *floor, "--add", tmp_path / "all.npy", "--view=2", "--remove-click", *behind]
     assert run(*command, *marks) == 0
     selection = np.load(tmp_path / "a.npy")
     assert (selection >= (below & ~truth)).all()
@@ -92,8 +92,8 @@ def test_marks_belong_to_the_view_before_them(ball, tmp_path, capsys):
         "0.png",
         "2.png",
     ]
-    two = ["--view", "0", "--click", *middle, "--view", "2", "--click", *behind]
-    assert run(*command, "--click", *middle, *two) == 2
+    two = ["--view", "0", "--click", *floor, "--view", "2", "--click", *behind]
+    assert run(*command, "--click", *floor, *two) == 2
     assert "before the first" in capsys.readouterr().err
 
 

@@ -24,6 +24,7 @@ from gaussian_trimmer.geometry.graphs import distance_to_outside
 from gaussian_trimmer.rendering import blend_values, top_contributors
 from gaussian_trimmer.selecting.marks import Effect
 from gaussian_trimmer.selecting.selection import Seed
+from gaussian_trimmer.surface.regions import region_apart
 from gaussian_trimmer.surface.surface_graph import (
     HIDDEN_UNARY,
     SurfaceCut,
@@ -241,7 +242,13 @@ def correct_at_click(scene: ViewedScene, selection: BoolArray, seed: Seed, earli
 
 
 def _best_region(graph: SurfaceGraph, before: BoolArray, seed: Seed, earlier: Sequence[Seed]) -> BoolArray | None:
-    """Return the selected nodes (S,) after the best region has changed sides; None if none can."""
+    """Return the selected nodes (S,) after the best region has changed sides; None if none can.
+
+    Where clicks have added something, what a click takes away is the largest region that none of them is in.
+    """
+    held = nearest_to([place for place in earlier if place.inside], graph.means)
+    if len(held) and not seed.inside:
+        return before & ~_region_apart(graph, before, seed, held)
     fixed = _fixed(graph, before, seed, earlier)
     stay, certain = np.where(before, 1.0, -1.0), np.where(fixed == 1, _CERTAIN_COST, -np.inf)
     cut = SurfaceCut(graph, before, seed.inside, np.where(fixed == 0, graph.areas, 0.0), _ROUNDS_AT_CLICK)
@@ -252,6 +259,22 @@ def _best_region(graph: SurfaceGraph, before: BoolArray, seed: Seed, earlier: Se
         if score > best_score:
             best, best_score = part, score
     return best
+
+
+def _region_apart(graph: SurfaceGraph, among: BoolArray, seed: Seed, held: IntArray) -> BoolArray:
+    """Return the largest region among some nodes (S,) that has the node at a seed and none that is held, (S,)."""
+    rows = np.flatnonzero(among)
+    numbers = np.cumsum(among) - 1
+    inner = among[graph.edges].all(axis=1)
+    node = int(nearest_to([seed], graph.means[rows])[0])
+    edges, weights = numbers[graph.edges[inner]], graph.weights[inner]
+    found = region_apart(edges, weights, graph.areas[rows], node, numbers[held[among[held]]])
+    return mask_of_rows(rows[found], len(among))
+
+
+def nearest_to(seeds: Sequence[Seed], means: FloatArray) -> IntArray:
+    """Return which of some centres (N, 3) is nearest to each seed, (P,)."""
+    return np.array([np.argmin(np.linalg.norm(means - seed.point, axis=1)) for seed in seeds], np.int64)
 
 
 def _graph_radius(means: FloatArray, selection: BoolArray, seed: Seed) -> float:

@@ -23,7 +23,7 @@ from gaussian_trimmer.selecting.clicks import (
     select_by_click,
     select_by_colour,
 )
-from gaussian_trimmer.selecting.graph_cuts import correct_at_click, expected_radius, is_meant_whole
+from gaussian_trimmer.selecting.graph_cuts import correct_at_click, expected_radius, is_meant_whole, nearest_to
 from gaussian_trimmer.selecting.lifting import lift_folder
 from gaussian_trimmer.selecting.marks import (
     Box,
@@ -136,6 +136,24 @@ class MarkInterpreter:
     def _click(self, state: Selection, mark: Click) -> tuple[Selection, str]:
         view, rows = self._viewed(mark.view)
         before, state = state, replace(state, other_sizes=(), before_click=None)
+        after, how = self._understood(before, state, mark, view, rows)
+        if len(after.seeds) == len(state.seeds):
+            place = Seed(look_at_pixel(view, mark.x, mark.y).point, 0.0, mark.effect != "remove")
+            after = replace(after, seeds=(*state.seeds, place))
+        return after, how
+
+    def _understood(
+        self, before: Selection, state: Selection, mark: Click, view: ViewedScene, rows: IntArray
+    ) -> tuple[Selection, str]:
+        """Return what a click in a view of some rows of the scene selects, and how it was understood.
+
+        Args:
+            before: what was selected before the click.
+            state: the same, without other sizes.
+            mark: the click.
+            view: what is drawn.
+            rows: of the scene, of what is drawn.
+        """
         if mark.tolerance:
             return _combined(state, select_by_colour(view, mark.x, mark.y, mark.tolerance), rows, mark.effect, "colour")
         first = not state.mask.any() or mark.effect == "intersect"
@@ -244,8 +262,9 @@ def _correction(state: Selection, view: ViewedScene, rows: IntArray, mark: Click
         InputError: the pixel is on the right side of the boundary already.
     """
     mask, target, adds = state.mask[rows], look_at_pixel(view, mark.x, mark.y), mark.effect == "add"
+    held = nearest_to([place for place in state.seeds if place.inside], view.gaussians.means)
     for piece in pieces_at_click(view, target)[:1]:
-        if is_meant_whole(piece, mask, mark.effect):
+        if is_meant_whole(piece, mask, mark.effect) and (adds or not piece[held].any()):
             return _combined(state, piece, rows, mark.effect, "piece")
     small = view.small()
     x, y = mark.x * small.camera.width // view.camera.width, mark.y * small.camera.height // view.camera.height

@@ -192,6 +192,34 @@ def split_region(surface: VisibleSurface, part: BoolArray) -> IntArray:
     return np.where(part, parts[np.minimum(regions, len(parts) - 1)], -1)
 
 
+def region_apart(edges: IntArray, weights: Float64Array, areas: Float64Array, node: int, others: IntArray) -> BoolArray:
+    """Return the largest region of a surface that holds a node and none of some others, (S,).
+
+    All regions join, the strongest link relative to the smaller one first, until the node's would join another's.
+
+    Args:
+        edges: pairs of neighbouring nodes, each once, (E, 2).
+        weights: how strongly each pair hangs together, (E,).
+        areas: of the nodes, (S,).
+        node: the node.
+        others: numbers of the others; none: all that hangs together with the node.
+    """
+    regions, pairs, links = np.arange(len(areas)), np.sort(edges, axis=1), weights[:, None].copy()
+    sizes, never = np.stack([areas, areas], axis=1), np.full(2, np.inf)
+    found = regions == node
+    while len(pairs):
+        mutual = _mutual(pairs, _certain_links(pairs, links, sizes, never, 0.0), len(sizes))
+        if not mutual.any():
+            break
+        numbers = connected_pairs(len(sizes), pairs[mutual])
+        regions = numbers[regions]
+        if (regions[others] == regions[node]).any():
+            break
+        found = regions == regions[node]
+        pairs, links, sizes = _merged(numbers, pairs, links, sizes)
+    return found
+
+
 @_jit
 def _accuracies(histograms, pairs):  # type: ignore[no-untyped-def]
     """Return the balanced accuracy of telling by the blurred histogram which of two a colour is of, 0.5 to 1, (P,).
