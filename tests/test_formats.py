@@ -166,6 +166,8 @@ def test_a_plys_kind_is_told_by_its_header(tmp_path: Path) -> None:
 
 
 def test_names(tmp_path: Path) -> None:
+    for name in ("scene.obj", "rough.npy"):
+        (tmp_path / name).touch()
     with pytest.raises(InputError, match=r"'scene.obj' is not in a known splat format; known endings: .ply"):
         formats.read(tmp_path / "scene.obj")
     with pytest.raises(InputError, match=r"\.pt\. A selection is given after its scene\.$"):
@@ -179,6 +181,7 @@ def test_names(tmp_path: Path) -> None:
 
 
 def test_a_format_that_went_is_answered_by_its_replacement(tmp_path):
+    (tmp_path / "a.ksplat").touch()
     with pytest.raises(InputError, match=r"'a\.ksplat' .*convert it: splat-transform a\.ksplat scene\.ply"):
         formats.read(tmp_path / "a.ksplat")
 

@@ -93,6 +93,11 @@ class _PlainConsole(Console):
 @contextmanager
 def progress_over_stages(console: Console) -> Iterator[Callable[[str], None]]:
     """Give a function to call with the name of each stage as it begins; nothing is shown outside a terminal."""
+    if (
+        console.quiet or not console.is_terminal
+    ):  # a bar that is disabled still ends with a line in some versions of rich
+        yield lambda stage: None
+        return
     bar = Progress(
         SpinnerColumn("dots" if console.encoding.startswith("utf") else "line"),
         TextColumn("{task.description}"),
@@ -100,7 +105,6 @@ def progress_over_stages(console: Console) -> Iterator[Callable[[str], None]]:
         TimeElapsedColumn(),
         console=console,
         transient=True,
-        disable=console.quiet or not console.is_terminal,
     )
     with bar:
         task = bar.add_task("", total=_PROGRESS_STEPS)
