@@ -93,9 +93,7 @@ class _PlainConsole(Console):
 @contextmanager
 def progress_over_stages(console: Console) -> Iterator[Callable[[str], None]]:
     """Give a function to call with the name of each stage as it begins; nothing is shown outside a terminal."""
-    if (
-        console.quiet or not console.is_terminal
-    ):  # a bar that is disabled still ends with a line in some versions of rich
+    if console.quiet or not console.is_terminal:  # some versions of rich end a disabled bar with a line
         yield lambda stage: None
         return
     bar = Progress(

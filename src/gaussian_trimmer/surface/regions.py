@@ -206,7 +206,7 @@ def region_apart(edges: IntArray, weights: Float64Array, areas: Float64Array, no
     """
     regions, pairs, links = np.arange(len(areas)), np.sort(edges, axis=1), weights[:, None].copy()
     sizes, never = np.stack([areas, areas], axis=1), np.full(2, np.inf)
-    found = regions == node
+    found: BoolArray = regions == node
     while len(pairs):
         mutual = _mutual(pairs, _certain_links(pairs, links, sizes, never, 0.0), len(sizes))
         if not mutual.any():
@@ -215,7 +215,7 @@ def region_apart(edges: IntArray, weights: Float64Array, areas: Float64Array, no
         regions = numbers[regions]
         if (regions[others] == regions[node]).any():
             break
-        found = regions == regions[node]
+        found = np.asarray(regions == regions[node])
         pairs, links, sizes = _merged(numbers, pairs, links, sizes)
     return found
 
