@@ -165,6 +165,8 @@ class Parser(argparse.ArgumentParser):
         try:
             arguments, left = self.parse_known_intermixed_args(prepared, start)
         except argparse.ArgumentError as error:
+            if error.argument_name is None:  # of Python 3.13 and later, what is missing
+                self.error(error.message)
             action = next(action for action in self._actions if error.argument_name in _names(action))
             wrong = "takes no value" if action.nargs == 0 else f"must be {action.metavar}"
             if action.choices is None and "expected" in error.message and action.nargs is None:
