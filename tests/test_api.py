@@ -354,8 +354,8 @@ def test_saving_writes_what_the_command_writes(result, tmp_path):
     assert names == {path.relative_to(tmp_path / "command") for path in (tmp_path / "command").rglob("*")}
     assert len(names) == len(result_files(".ply")) + 5  # manifest, folder of views and four more views, but no object_*
     for name in names:
-        # The report tells times, the manifest the report's size; archives hold the time of writing.
-        if (tmp_path / "python" / name).is_file() and name.suffix not in (".json", ".npz"):
+        # Report and summary tell times, the manifest the report's size; archives hold the time of writing.
+        if (tmp_path / "python" / name).is_file() and name.suffix not in (".json", ".npz", ".csv"):
             assert (tmp_path / "python" / name).read_bytes() == (tmp_path / "command" / name).read_bytes(), name
     one, other = (json.loads((tmp_path / folder / "report.json").read_text()) for folder in ("python", "command"))
     assert one.keys() - {"call"} == other.keys() - {"command"} == gt.describe(trimmed).keys()

@@ -36,7 +36,7 @@ def files(tmp_path_factory):
         ("scene.ply full.npy", "selects all"),
         ("scene.ply short.npy", "entries"),
         ("scene.ply scores.npy", "--set selection.threshold"),
-        ("scene.ply matrix.npy", "is not a selection"),
+        ("scene.ply matrix.npy", "does not select from 1612 Gaussians"),
         ("scene.ply pickled.npy", "pickled.npy"),
         ("scene.ply rough.npy --format obj", "Unknown format 'obj'"),
         ("scene.ply rough.npy --sam nowhere", "nowhere"),

@@ -258,13 +258,17 @@ def _near(state: Selection, view: ViewedScene, rows: IntArray, mark: Click, targ
 def _correction(state: Selection, view: ViewedScene, rows: IntArray, mark: Click) -> tuple[Selection, str]:
     """Add or remove a whole thing, or else move the boundary of the selection around a pixel.
 
+    A thing that holds all that clicks have added is no whole one to remove: something that touches it is meant.
+
     Raises:
         InputError: the pixel is on the right side of the boundary already.
     """
     mask, target, adds = state.mask[rows], look_at_pixel(view, mark.x, mark.y), mark.effect == "add"
     held = nearest_to([place for place in state.seeds if place.inside], view.gaussians.means)
+    held = held[mask[held]]
     for piece in pieces_at_click(view, target)[:1]:
-        if is_meant_whole(piece, mask, mark.effect) and (adds or not piece[held].any()):
+        holds_all = len(held) > 0 and bool(piece[held].all())
+        if is_meant_whole(piece, mask, mark.effect) and (adds or not holds_all):
             return _combined(state, piece, rows, mark.effect, "piece")
     small = view.small()
     x, y = mark.x * small.camera.width // view.camera.width, mark.y * small.camera.height // view.camera.height
