@@ -63,7 +63,7 @@ def settings(printed):
 
 
 def files_for_engines(printed):
-    assert len(printed) == 6 and all(30 < numbers(line)[-1] < 50 for line in printed)
+    assert len(printed) == 3 and all(30 < numbers(line)[-1] < 50 for line in printed)
 
 
 def arrays_of_a_trainer(printed):
