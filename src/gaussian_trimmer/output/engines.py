@@ -61,17 +61,18 @@ class Engine:
     """Where up must point in the file so that the object stands upright; None: the scene's axes stay."""
 
 
+_WEB_READS = (".spz", ".ply", ".compressed.ply", ".splat", ".sog")
 ENGINES: dict[EngineName, Engine] = {
     "blender": Engine("Blender", (".ply",), (0.0, 0.0, 1.0)),
     "cesium": Engine("Cesium", (".ply",), _DOWN_Y),
     "gsplat": Engine("gsplat", (), None),
     "instances": Engine("instances", (), None),
     "playcanvas": Engine("PlayCanvas", (".sog", ".ply", ".compressed.ply"), _DOWN_Y),
-    "three": Engine("three.js", (".spz", ".ply", ".compressed.ply", ".splat", ".sog"), (0.0, 1.0, 0.0)),
+    "three": Engine("three.js", _WEB_READS, (0.0, 1.0, 0.0)),
     "unity": Engine("Unity", (".ply", ".spz"), _DOWN_Y),
     "unreal": Engine("Unreal", (".ply",), _DOWN_Y),
     "usd": Engine("USD", (".ply", ".spz"), (0.0, 0.0, 1.0)),
-    "web": Engine("Web viewers", (".spz", ".ply", ".compressed.ply", ".splat", ".sog"), (0.0, 1.0, 0.0)),
+    "web": Engine("Web viewers", _WEB_READS, (0.0, 1.0, 0.0)),
 }
 assert tuple(ENGINES) == get_args(EngineName)
 

@@ -136,14 +136,14 @@ class MarkInterpreter:
     def _click(self, state: Selection, mark: Click) -> tuple[Selection, str]:
         view, rows = self._viewed(mark.view)
         before, state = state, replace(state, other_sizes=(), before_click=None)
-        after, how = self._understood(before, state, mark, view, rows)
+        target = look_at_pixel(view, mark.x, mark.y)
+        after, how = self._understood(before, state, mark, view, rows, target)
         if len(after.seeds) == len(state.seeds):
-            place = Seed(look_at_pixel(view, mark.x, mark.y).point, 0.0, mark.effect != "remove")
-            after = replace(after, seeds=(*state.seeds, place))
+            after = replace(after, seeds=(*state.seeds, Seed(target.point, 0.0, mark.effect != "remove")))
         return after, how
 
     def _understood(
-        self, before: Selection, state: Selection, mark: Click, view: ViewedScene, rows: IntArray
+        self, before: Selection, state: Selection, mark: Click, view: ViewedScene, rows: IntArray, target: Target
     ) -> tuple[Selection, str]:
         """Return what a click in a view of some rows of the scene selects, and how it was understood.
 
@@ -153,16 +153,16 @@ class MarkInterpreter:
             mark: the click.
             view: what is drawn.
             rows: of the scene, of what is drawn.
+            target: the point, and what shows there.
         """
         if mark.tolerance:
             return _combined(state, select_by_colour(view, mark.x, mark.y, mark.tolerance), rows, mark.effect, "colour")
         first = not state.mask.any() or mark.effect == "intersect"
         if self._things is None:
-            return self._first_click(state, view, rows, mark) if first else _correction(state, view, rows, mark)
-        target = look_at_pixel(view, mark.x, mark.y)
+            return self._first_click(state, view, rows, mark) if first else _correction(state, view, rows, mark, target)
         found = self._thing_at(before, state, target, rows, mark.effect, first)
         if found is None:
-            return _near(state, view, rows, mark, target) if first else _correction(state, view, rows, mark)
+            return _near(state, view, rows, mark, target) if first else _correction(state, view, rows, mark, target)
         return found
 
     def _thing_at(
@@ -255,7 +255,9 @@ def _near(state: Selection, view: ViewedScene, rows: IntArray, mark: Click, targ
     return _combined(state, select_around_click(around, mark.x, mark.y), rows[near], mark.effect, "around")
 
 
-def _correction(state: Selection, view: ViewedScene, rows: IntArray, mark: Click) -> tuple[Selection, str]:
+def _correction(
+    state: Selection, view: ViewedScene, rows: IntArray, mark: Click, target: Target
+) -> tuple[Selection, str]:
     """Add or remove a whole thing, or else move the boundary of the selection around a pixel.
 
     A thing that holds all that clicks have added is no whole one to remove: something that touches it is meant.
@@ -263,12 +265,9 @@ def _correction(state: Selection, view: ViewedScene, rows: IntArray, mark: Click
     Raises:
         InputError: the pixel is on the right side of the boundary already.
     """
-    mask, target, adds = state.mask[rows], look_at_pixel(view, mark.x, mark.y), mark.effect == "add"
-    held = nearest_to([place for place in state.seeds if place.inside], view.gaussians.means)
-    held = held[mask[held]]
+    mask, adds = state.mask[rows], mark.effect == "add"
     for piece in pieces_at_click(view, target)[:1]:
-        holds_all = len(held) > 0 and bool(piece[held].all())
-        if is_meant_whole(piece, mask, mark.effect) and (adds or not holds_all):
+        if is_meant_whole(piece, mask, mark.effect) and (adds or not _holds_all_clicks(state, view, rows, piece)):
             return _combined(state, piece, rows, mark.effect, "piece")
     small = view.small()
     x, y = mark.x * small.camera.width // view.camera.width, mark.y * small.camera.height // view.camera.height
@@ -283,6 +282,13 @@ def _correction(state: Selection, view: ViewedScene, rows: IntArray, mark: Click
     after[rows] = correct_at_click(small, mask, seed, state.seeds)
     state = replace(state, seeds=(*state.seeds, seed))
     return state.combined(after != state.mask, mark.effect), INTERPRETATIONS["region"]
+
+
+def _holds_all_clicks(state: Selection, view: ViewedScene, rows: IntArray, piece: BoolArray) -> bool:
+    """Tell whether a piece (M,) of what is drawn holds all that clicks have added and that is still selected."""
+    held = nearest_to([place for place in state.seeds if place.inside], view.gaussians.means)
+    held = held[state.mask[rows[held]]]
+    return len(held) > 0 and bool(piece[held].all())
 
 
 def _combined(state: Selection, found: BoolArray, rows: IntArray, effect: Effect, how: str) -> tuple[Selection, str]:

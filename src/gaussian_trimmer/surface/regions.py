@@ -58,20 +58,26 @@ def one_thing(spread: Float64Array, areas: Float64Array, accuracy: Float64Array)
 class _Partition:
     """R regions of the visible surface, and the P links between them, while they grow."""
 
-    def __init__(self, surface: VisibleSurface, free: BoolArray, feet: BoolArray) -> None:
+    def __init__(self, pairs: IntArray, links: Float64Array, sizes: Float64Array) -> None:
+        self.pairs = pairs
+        """Numbers of two regions, the smaller first, each pair once, (P, 2)."""
+        self.links = links
+        """Strength of each link, in units; length of its contact; that times its middle, and the square, (P, 6)."""
+        self.sizes = sizes
+        """Area of each region, and of its feet, in square units, (R, 2)."""
+        self.regions = np.arange(len(sizes))
+        """Number of the region of each Gaussian, (S,)."""
+
+    @classmethod
+    def of(cls, surface: VisibleSurface, free: BoolArray, feet: BoolArray) -> _Partition:
+        """Return the free Gaussians of a surface (S,), each a region, some of which stand on the room, (S,)."""
         a, b = surface.edges.T
         inner = np.flatnonzero(free[a] & free[b] & (a != b))  # Gaussians at one place are their own neighbours
-        self.pairs = surface.edges.take(inner, axis=0)
-        """Numbers of two regions, the smaller first, each pair once, (P, 2)."""
-        contact = surface.contact[inner]
-        middle = (surface.points.take(self.pairs[:, 0], axis=0) + surface.points.take(self.pairs[:, 1], axis=0)) / 2
-        self.regions = np.arange(len(free))
-        """Number of the region of each Gaussian, (S,)."""
-        self.sizes = np.stack([surface.areas, surface.areas * feet], axis=1)
-        """Area of each region, and of its feet, in square units, (R, 2)."""
+        pairs, contact = surface.edges.take(inner, axis=0), surface.contact[inner]
+        middle = (surface.points.take(pairs[:, 0], axis=0) + surface.points.take(pairs[:, 1], axis=0)) / 2
         moments = np.column_stack([np.ones(len(middle)), middle, np.einsum("pi,pi->p", middle, middle)])
-        self.links = np.column_stack([contact * surface.affinity[inner], contact[:, None] * moments])
-        """Strength of each link, in units; length of its contact; that times its middle, and the square, (P, 6)."""
+        links = np.column_stack([contact * surface.affinity[inner], contact[:, None] * moments])
+        return cls(pairs, links, np.stack([surface.areas, surface.areas * feet], axis=1))
 
     @property
     def size(self) -> Float64Array:
@@ -90,9 +96,12 @@ class _Partition:
             least: the area, and that of its feet, in square units, that a region which stands by itself exceeds.
         """
         while len(self.pairs):
-            strength = _certain_links(self.pairs, self.links, self.sizes, np.array(least, np.float64), _MIN_LINK)
-            if not self.join(strength):
+            if not self.join(self.certain_links(least, _MIN_LINK)):
                 break
+
+    def certain_links(self, least: Sequence[float], weakest: float) -> Float64Array:
+        """Return the strength of links (P,) of regions of which one does not exceed the least sizes, (P,)."""
+        return np.asarray(_certain_links(self.pairs, self.links, self.sizes, np.array(least, np.float64), weakest))
 
     def join(self, strength: Float64Array) -> bool:
         """Join the regions of links (P,) that are the strongest ones of both, above zero; tell if there are any."""
@@ -153,7 +162,7 @@ def find_regions(surface: VisibleSurface, room: Room, levels: Sequence[float] = 
     free, colours = ~room.own, _Colours(surface)
     by_itself = not room.has_floor and surface.filled > FILLED
     stands = (_MIN_AREA_BY_ITSELF, -1.0) if by_itself else (MIN_AREA, _MIN_FOOT)
-    partition, found = _Partition(surface, free, room.feet), list[IntArray]()
+    partition, found = _Partition.of(surface, free, room.feet), list[IntArray]()
 
     def likely(level: float) -> Float64Array:
         pairs, size, likely = partition.pairs, partition.size, np.zeros(len(partition.pairs))
@@ -181,7 +190,7 @@ def split_region(surface: VisibleSurface, part: BoolArray) -> IntArray:
     """
     total = float(surface.areas[part].sum())
 
-    partition = _Partition(surface, part, part)
+    partition = _Partition.of(surface, part, part)
     partition.settle((_LARGE_PART * total, -1.0))
     regions = partition.regions
     areas = np.bincount(regions[part], surface.areas[part])
@@ -204,19 +213,13 @@ def region_apart(edges: IntArray, weights: Float64Array, areas: Float64Array, no
         node: the node.
         others: numbers of the others; none: all that hangs together with the node.
     """
-    regions, pairs, links = np.arange(len(areas)), np.sort(edges, axis=1), weights[:, None].copy()
-    sizes, never = np.stack([areas, areas], axis=1), np.full(2, np.inf)
-    found: BoolArray = regions == node
-    while len(pairs):
-        mutual = _mutual(pairs, _certain_links(pairs, links, sizes, never, 0.0), len(sizes))
-        if not mutual.any():
+    partition = _Partition(np.sort(edges, axis=1), weights[:, None], np.stack([areas, areas], axis=1))
+    found: BoolArray = partition.regions == node
+    while len(partition.pairs) and partition.join(partition.certain_links((np.inf, np.inf), 0.0)):
+        joined = np.asarray(partition.regions == partition.regions[node])
+        if joined[others].any():
             break
-        numbers = connected_pairs(len(sizes), pairs[mutual])
-        regions = numbers[regions]
-        if (regions[others] == regions[node]).any():
-            break
-        found = np.asarray(regions == regions[node])
-        pairs, links, sizes = _merged(numbers, pairs, links, sizes)
+        found = joined
     return found
 
 

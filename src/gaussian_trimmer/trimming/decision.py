@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,7 +31,6 @@ from gaussian_trimmer.views.small_views import FAR_FOV_DEGREES, close_up_of, vie
 from gaussian_trimmer.views.view import HALF, TrimmedView, View, visible_weight, without_pictures
 from gaussian_trimmer.views.virtual_cameras import PlanConfig
 
-TYPE_CHECKING = False
 if TYPE_CHECKING:  # nothing is cut by default
     from gaussian_trimmer.trimming.straddlers import CutGaussians
 
