@@ -59,6 +59,23 @@ def test_where_nearly_everything_is_selected_nobody_knows_the_colours_of_the_res
     assert not changed[selection].any()
 
 
+def test_a_plinth_of_the_colour_of_the_ground_keeps_its_foot():
+    """A column stands on a red ground; its foot is as red, what is above it blue."""
+    rng = np.random.default_rng(0)
+    floor = rng.uniform(-2, 2, (6000, 3)) * [1, 1, 0]
+    floor = floor[np.linalg.norm(floor[:, :2], axis=1) > 0.5]
+    height, turn = rng.uniform(0, 1.2, 600), rng.uniform(0, 2 * np.pi, 600)
+    wall = np.stack([0.5 * np.cos(turn), 0.5 * np.sin(turn), height], axis=1)
+    means = np.concatenate([floor, wall])
+    colours = np.where(means[:, 2:] < 0.2, RED, BLUE) + rng.normal(0, 0.01, means.shape)
+    of_column = np.arange(len(means)) >= len(floor)
+    bounds = Bounds(np.array([0, 0, 0.6]), np.eye(3), np.array([0.5, 0.5, 0.6]))
+    thing = gaussians(means, (0.03,) * 3, colours)
+    kept = correct_labels(thing, of_column, visible(thing), bounds, CONFIG) > 0.5
+    assert kept[of_column & (means[:, 2] > 0.1)].all()
+    assert not kept[~of_column].any()
+
+
 def test_a_straight_boundary_without_any_colour_edge_stays_about_where_it_is():
     thing, _ = patch()
     plain = thing.replace(sh_dc=np.zeros_like(thing.sh_dc))

@@ -135,7 +135,7 @@ class _Crf:
         self.label_matches_majority = labels == majority
         # Large Gaussians are one piece though their centres lie farther apart than the kernel reaches.
         gap = max(config.position_sigma, float(np.sqrt(np.median(squared[labels, -1]))))
-        self.attached, self.in_plane = self._contradicted(gap, bounds)
+        self.attached, self.in_plane, self.above = self._contradicted(gap, bounds)
         self.group = np.where(self.in_plane, _GROUPS - 1, 2 * labels + self.label_matches_majority)
 
     def infer(self, trust: Float64Array, believes_contradicted: bool) -> FloatArray:
@@ -182,33 +182,39 @@ class _Crf:
         kernel = np.exp(-0.5 * squared) * self.importance[neighbours]
         return np.asarray(kernel / (kernel.sum(axis=1, keepdims=True) + 1e-9), np.float32)
 
-    def _contradicted(self, gap: float, bounds: Bounds) -> tuple[BoolArray, BoolArray]:
-        """Return the labels that the support plane contradicts: two masks, (S,).
+    def _contradicted(self, gap: float, bounds: Bounds) -> tuple[BoolArray, BoolArray, BoolArray]:
+        """Return the labels that the support plane contradicts, and what is above the plane: three masks, (S,).
 
         The first are of Gaussians that are not selected, in pieces above the plane that are partly selected, the second
-        of selected ones in the plane. `gap` is the largest step within a piece, in object radii.
+        of selected ones in the plane. Without a plane all are above it. `gap` is the largest step within a piece, in
+        object radii.
         """
         config = self.config.support_plane
         plane = find_support_plane(self.positions, self.labels, self.weights, bounds, config)
         if plane is None:
             none = np.zeros(len(self.labels), np.bool_)
-            return none, none
+            return none, none, ~none
         reach = self.config.position_sigma
         attached = attached_to_object(self.positions, self.labels, self.weights, plane, gap, reach, config)
-        return attached, plane.on_surface & self.labels
+        return attached, plane.on_surface & self.labels, plane.above
 
     def _colour_ratio(self, object_share: NDArray[np.floating]) -> Float64Array:
         """Return the log-likelihood ratio of each Gaussian's colour, by the object's share of each Gaussian, (S,).
 
         The models are colour histograms of object and surroundings, weighted by visibility, each averaged with an even
         one so that colours that occur on one side only have a finite ratio. Fewer pixels than there are colours say
-        little: where nearly everything is selected, nobody knows what the surroundings look like.
+        little: where nearly everything is selected, nobody knows what the surroundings look like. The colours of the
+        ground say nothing about what stands above it, such as a plinth of the same stone, nor those above it about the
+        ground.
         """
-        models = []
-        for share in (object_share, 1 - object_share):
-            held = np.bincount(self.colour, self.weights * share)
-            models.append(held / (held.sum() + self.n_colours) + 1 / self.n_colours)
-        return np.asarray(np.log(models[0] / models[1])[self.colour])
+        rest = self.weights * (1 - object_share)
+        surroundings = np.where(self.above, self._model(rest, self.above), self._model(rest, ~self.above))
+        return np.asarray(np.log(self._model(self.weights * object_share) / surroundings))
+
+    def _model(self, weights: Float64Array, counted: BoolArray | bool = True) -> Float64Array:
+        """Return the share that each Gaussian's colour has of given weights, by those that are counted, (S,)."""
+        held = np.bincount(self.colour, weights * counted)
+        return np.asarray((held / (weights.sum() + self.n_colours) + 1 / self.n_colours)[self.colour])
 
 
 def _features(positions: FloatArray, colours: FloatArray, config: LabelCrfConfig) -> FloatArray:
