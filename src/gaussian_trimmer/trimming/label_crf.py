@@ -204,11 +204,10 @@ class _Crf:
         The models are colour histograms of object and surroundings, weighted by visibility, each averaged with an even
         one so that colours that occur on one side only have a finite ratio. Fewer pixels than there are colours say
         little: where nearly everything is selected, nobody knows what the surroundings look like. The colours of the
-        ground say nothing about what stands above it, such as a plinth of the same stone, nor those above it about the
-        ground.
+        ground say nothing about what stands above it, such as a plinth of the same stone.
         """
         rest = self.weights * (1 - object_share)
-        surroundings = np.where(self.above, self._model(rest, self.above), self._model(rest, ~self.above))
+        surroundings = np.where(self.above, self._model(rest, self.above), self._model(rest))
         return np.asarray(np.log(self._model(self.weights * object_share) / surroundings))
 
     def _model(self, weights: Float64Array, counted: BoolArray | bool = True) -> Float64Array:
