@@ -12,7 +12,7 @@ from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding import find
 from gaussian_trimmer.finding.found import FoundObject
-from gaussian_trimmer.finding.tiles import Candidate, TallThings, choose_objects, plan_tiles, tile_counts
+from gaussian_trimmer.finding.tiles import Candidate, TallThings, choose_objects, plan_tiles, tile_sides
 from gaussian_trimmer.gaussians import concatenate, mask_of_rows
 from gaussian_trimmer.geometry.storey import Storey, find_storey
 from gaussian_trimmer.rendering import render
@@ -81,20 +81,19 @@ def test_a_cloud_has_no_floor():
     assert up_from_layers(flakes.replace(quaternions=rng.normal(size=(5000, 4)).astype(np.float32))) is None
 
 
-def test_tiles_overlap_by_a_third_and_hold_as_many_as_asked():
+def test_tiles_overlap_by_a_third():
     plan = np.random.default_rng(0).uniform(0, 10, (20_000, 2))
-    tiles = list(plan_tiles(plan, 4000))
+    tiles = list(plan_tiles(plan, 4.5))
     counts = np.bincount(np.concatenate([tile.rows for tile in tiles]), minlength=len(plan))
     assert set(counts.tolist()) == {1, 2, 4}
     assert counts.mean() == pytest.approx(2.25, rel=0.1)
-    assert np.median([len(tile.rows) for tile in tiles]) == pytest.approx(4000, rel=0.5)
     for tile in tiles:
         assert (plan[tile.rows] >= tile.low - 1e-9).all()
         assert (plan[tile.rows] <= tile.low + tile.side + 1e-9).all()
 
 
 def test_a_box_at_the_border_of_a_tile_is_not_whole():
-    tile = next(plan_tiles(np.random.default_rng(0).uniform(0, 10, (5000, 2)), 2000))
+    tile = next(plan_tiles(np.random.default_rng(0).uniform(0, 10, (5000, 2)), 6.0))
     middle = tile.low + tile.side / 2
     assert tile.holds(middle - 0.1, middle + 0.1)
     assert not tile.holds(tile.low, middle)
@@ -131,9 +130,15 @@ def test_what_stands_on_a_thing_is_a_part_of_it_however_many_tiles_agree_on_it()
     assert [len(one.rows) for one in choose_objects(sofa + cushions, 400, UP, parts=True)] == [60, 60, 280]
 
 
-def test_the_largest_tiles_hold_about_all_of_a_small_capture():
-    assert tile_counts(5_000_000) == (200_000, 60_000, 18_000)
-    assert tile_counts(61_000) == (60_000, 18_000, 5_400)
+@pytest.mark.parametrize("times", [1, 4])
+def test_how_wide_the_ground_is_tells_whether_a_place_is_looked_at_in_tiles_and_not_how_many_gaussians_it_has(times):
+    tall = room.box((0, 0), (0.4, 0.4, 1.0), room.RED)
+    for width, expected in ((3.0, 0), (12.0, 3), (400.0, 0)):
+        flat = np.stack(np.meshgrid(*[np.linspace(-width / 2, width / 2, 120)] * 2), -1).reshape(-1, 2)
+        ground = toy.gaussians(np.column_stack([flat, np.zeros(len(flat))]), (0.05, 0.05, 0.005), room.GREY)
+        scene = concatenate([ground, tall] * times)
+        sides = tile_sides(find_storey(scene, UP), scene.means @ UP)
+        assert len(sides) == expected
 
 
 def test_what_few_tiles_found_alike_is_small_or_cut_off_is_doubted():
@@ -191,8 +196,7 @@ def test_a_click_takes_a_tall_thing_with_its_upper_part():
 
 def test_furniture_is_found_below_its_ceiling(monkeypatch):
     scene, part = room.scene_of(room.floor(), ceiling(2.6), *furniture())
-    monkeypatch.setattr(find, "LARGEST_LOOK", 1000)
-    monkeypatch.setattr(find, "tile_counts", lambda shown: (8000, 5000))
+    monkeypatch.setattr(find, "tile_sides", lambda storey, heights: (6.0, 4.5))
     found = find.find_objects(scene, up=UP)
     sure = [one.id for one in found if one.sure]
     for number in (2, 3):
@@ -205,8 +209,7 @@ def test_furniture_is_found_below_its_ceiling(monkeypatch):
 def clicks(monkeypatch):
     """Clicks in a furnished room that counts as a large capture: the scene, its parts, and what understands them."""
     scene, part = room.scene_of(room.floor(), ceiling(2.6), *furniture())
-    monkeypatch.setattr(interpretation, "LARGEST_LOOK", 1000)
-    monkeypatch.setattr(find, "tile_counts", lambda shown: (0, 8000, 5000))
+    monkeypatch.setattr(find, "tile_sides", lambda storey, heights: (9.0, 6.0, 4.5))
     view = Viewpoint(toy.camera_at((1, -2.2, 1.8), (1, 1, 0.4), 240))
     return scene, part, interpretation.MarkInterpreter(scene, Marks((), (0.0, 0.0, 1.0))), Click(120, 120, view)
 
@@ -223,7 +226,7 @@ def test_where_the_finder_sees_nothing_a_click_takes_what_is_seen_alone_or_the_r
     balloon = room.ball((0, 0), 0.4, room.RED)
     balloon = balloon.replace(means=balloon.means + np.float32([0, 0, 3]))
     scene, part = room.scene_of(room.floor(), balloon, *furniture())
-    monkeypatch.setattr(interpretation, "LARGEST_LOOK", 1000)
+    monkeypatch.setattr(find, "tile_sides", lambda storey, heights: (9.0, 6.0, 4.5))
     interpreter = interpretation.MarkInterpreter(scene, Marks((), (0.0, 0.0, 1.0)))
     interpreter._things = SimpleNamespace(at=lambda point, seen: [])
 

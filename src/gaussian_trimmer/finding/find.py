@@ -13,14 +13,13 @@ import numpy as np
 from gaussian_trimmer.cameras import CameraSet, Viewpoint, point_of, up_frame
 from gaussian_trimmer.finding.found import MIN_SHARE_AT_ALL, FindConfig, FoundObject, FoundObjects, name_objects
 from gaussian_trimmer.finding.tiles import (
-    LARGEST_LOOK,
     Candidate,
     TallThings,
     Tile,
     choose_objects,
     most_agreed_on,
     plan_tiles,
-    tile_counts,
+    tile_sides,
 )
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians, IntArray, check_gaussians
 from gaussian_trimmer.geometry.limits import check_places
@@ -130,7 +129,7 @@ class ThingsAtPoints:
             point: a point on what is meant, (3,).
             seen: weight of each Gaussian in what is seen there, (N,).
         """
-        x, y, heights, storey = self._plan
+        x, y, heights, storey, sides = self._plan
         height, top = float(self.up @ point), storey.head_height
         if storey.ceiling is not None:
             top = (height + storey.ceiling) / 2
@@ -140,9 +139,7 @@ class ThingsAtPoints:
         middle = up_frame(self.up)[:2] @ point
         distance = np.maximum(np.abs(x - middle[0]), np.abs(y - middle[1]))
         looked_at = np.where(below, distance, np.inf)
-        shown = int(below.sum())
-        counts = [min(n, shown - 1) for n in tile_counts(shown)[1:]]  # the smaller ones: what is meant is seen nearby
-        reach = np.partition(looked_at, counts)[counts].tolist()
+        reach = [side / 2 for side in sides[1:]]  # the smaller ones: what is meant is seen nearby
         rows = np.flatnonzero(looked_at <= max(reach))
         near, config = self.scene.select(rows), close_config(FindConfig())
         tiles = [Tile(middle - r, 2 * r, np.flatnonzero(looked_at[rows] <= r)) for r in reach]
@@ -172,12 +169,18 @@ class ThingsAtPoints:
         in_turn = chain.from_iterable(zip_longest(larger, smaller))
         return [one for one in (first, *in_turn) if one is not None and len(one)]
 
+    @property
+    def needed(self) -> bool:
+        """Whether the place is so large that a click needs a look of its own."""
+        return len(self._plan[4]) > 0
+
     @cached_property
-    def _plan(self) -> tuple[Float64Array, Float64Array, Float64Array, Storey]:
-        """Two horizontal coordinates and heights, (N,) each, and where floor and ceiling are."""
+    def _plan(self) -> tuple[Float64Array, Float64Array, Float64Array, Storey, tuple[float, ...]]:
+        """Two horizontal coordinates and heights, (N,) each, where floor and ceiling are, and the sides of tiles."""
         means = self.scene.means.astype(np.float64)
         x, y = np.ascontiguousarray((means @ up_frame(self.up)[:2].T).T)
-        return x, y, means @ self.up, find_storey(sampled(self.scene), self.up)
+        storey, heights = find_storey(sampled(self.scene), self.up), means @ self.up
+        return x, y, heights, storey, tile_sides(storey, heights)
 
 
 def find_objects(
@@ -190,8 +193,8 @@ def find_objects(
 ) -> FoundObjects:
     """Find every object of a scene: what stands on its surfaces, hangs from them or leans against them.
 
-    Rooms below a ceiling, and captures of more than 200,000 Gaussians, as of a garden, are divided into tiles that are
-    looked at one by one from above, without the ceiling; an object is what several tiles agree on.
+    Rooms below a ceiling, and places with ground much wider than things are high, as a garden, are divided into tiles
+    that are looked at one by one from above, without the ceiling; an object is what several tiles agree on.
 
     Args:
         scene: all N Gaussians.
@@ -211,8 +214,9 @@ def find_objects(
     check_places(scene)
     found_up = find_up(scene, cameras, up)
     storey = find_storey(scene, found_up.direction)
-    if storey.is_room or len(scene) > LARGEST_LOOK:
-        return _find_in_tiles(scene, found_up, storey, close_config(config), clock)
+    sides = tile_sides(storey, scene.means.astype(np.float64) @ found_up.direction)
+    if sides:
+        return _find_in_tiles(scene, found_up, storey, sides, close_config(config), clock)
     with clock("look"):
         views = views_of(scene, cameras, found_up.direction)
         surface = find_visible_surface(
@@ -228,13 +232,16 @@ def find_objects(
     return FoundObjects(scene, labels, objects, tuple(views), looked_at, found_up, clock.seconds, surface)
 
 
-def _find_in_tiles(scene: Gaussians, up: UpVector, storey: Storey, config: FindConfig, clock: Clock) -> FoundObjects:
+def _find_in_tiles(
+    scene: Gaussians, up: UpVector, storey: Storey, sides: Sequence[float], config: FindConfig, clock: Clock
+) -> FoundObjects:
     """Find the objects of a large capture or of rooms, tile by tile.
 
     Args:
         scene: all N Gaussians.
         up: the up vector.
         storey: where floor and ceiling are.
+        sides: of the tiles of each size, in scene units.
         config: what counts as an object in a tile.
         clock: told what is done.
     """
@@ -242,7 +249,7 @@ def _find_in_tiles(scene: Gaussians, up: UpVector, storey: Storey, config: FindC
     shown_rows = np.flatnonzero(below)
     shown = scene.select(shown_rows)
     plan = shown.means.astype(np.float64) @ up_frame(up.direction)[:2].T
-    tiles = [tile for count in tile_counts(len(shown)) for tile in plan_tiles(plan, count)]
+    tiles = [tile for side in sides for tile in plan_tiles(plan, side)]
     seen = list[tuple[Tile, Look]]()
     with clock("look"):
         for number, look in enumerate(parallel_map(lambda tile: look_at_tile(shown, tile, up.direction), tiles)):

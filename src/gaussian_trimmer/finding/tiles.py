@@ -29,19 +29,19 @@ from gaussian_trimmer.geometry.graphs import connected_voxels
 from gaussian_trimmer.geometry.storey import Storey
 from gaussian_trimmer.views.view import HALF
 
-LARGEST_LOOK = 200_000
-"""Captures of more Gaussians are looked at in tiles, and so are rooms below a ceiling."""
-_SIZES, _LARGEST, _SMALLER = 3, 200_000, 0.3
-"""Number of sizes of tiles, Gaussians in the largest ones, and in those of one size relative to the next larger one: a
-densely captured bookcase has as many as a whole table with its chairs elsewhere, so that things are whole in tiles of
-one size and large enough to be seen in another."""
+TILE_SIDES = 8.0, 4.0, 2.0
+"""Sides of tiles, relative to the height of what stands in a place, from a whole room to a chair: a thing is whole in
+tiles of one size, and large enough to be seen in another."""
+_END_PERCENTILES = (2, 98)
+"""Percentiles of the heights between which things are."""
+_LOWEST = 0.01
+"""Smallest height of things, relative to the width of the ground that they stand on; it bounds the number of tiles."""
 CELLS, STEP = 3, 2
 """Cells along the side of a tile, and from one to the next: they overlap by a third."""
 _MIN_GAUSSIANS = 500
 """Tiles with fewer Gaussians are left out."""
 _MARGIN = 0.03
 """Width of the border of a tile, relative to its side, in which nothing whole ends."""
-_ROUNDS = 40
 _CELL = 1 / 40
 """Side of a cell of the plan, relative to the height of the storey: about as thick as a wall."""
 _BELOW_CEILING = 0.85, 0.95
@@ -66,24 +66,31 @@ class Tile:
         return bool((low > self.low + margin).all() and (high < self.low + self.side - margin).all())
 
 
-def tile_counts(shown: int) -> tuple[int, ...]:
-    """Return how many Gaussians the tiles of each size hold in the mean: from a whole room to a chair.
+def tile_sides(storey: Storey, heights: Float64Array) -> tuple[float, ...]:
+    """Return the sides of the tiles of each size, in scene units; none of a place that one look from around shows.
+
+    Such a place has no ceiling, and a floor or ground no wider than the largest tile, or nothing that stands on it.
 
     Args:
-        shown: number of Gaussians that are divided; of few, the largest tiles hold about all.
+        storey: where floor and ceiling are.
+        heights: of all N Gaussians, (N,).
     """
-    first = max(0, round(np.log(_LARGEST / max(shown, 1)) / np.log(1 / _SMALLER)))
-    return tuple(round(_LARGEST * _SMALLER ** (first + step)) for step in range(_SIZES))
+    shown, width = heights[heights < storey.head_height], float(np.sqrt(storey.area))
+    if not len(shown):
+        return ()
+    low, high = np.percentile(shown, _END_PERCENTILES)
+    sides = tuple(share * (float(high) - storey.floor) for share in TILE_SIDES)
+    is_wide = TILE_SIDES[0] * (high - low) < width < (high - low) / _LOWEST
+    return sides if storey.is_room or is_wide else ()
 
 
-def plan_tiles(plan: Float64Array, count: int) -> Iterator[Tile]:
-    """Divide a plan into tiles that hold so many Gaussians in the mean, each overlapped by a third with the next.
+def plan_tiles(plan: Float64Array, side: float) -> Iterator[Tile]:
+    """Divide a plan into tiles, each overlapped by a third with the next.
 
     Args:
         plan: horizontal coordinates of N Gaussians, (N, 2).
-        count: mean number of Gaussians in a tile, as seen from a Gaussian.
+        side: of a tile, in scene units.
     """
-    side = _side(plan, count)
     cell, origin = side / CELLS, plan.min(axis=0) - side * (1 - STEP / CELLS)
     keys, place = np.unique(_cells(plan - origin, cell), return_inverse=True)
     order = np.argsort(place, kind="stable")
@@ -95,20 +102,6 @@ def plan_tiles(plan: Float64Array, count: int) -> Iterator[Tile]:
         rows = np.sort(np.concatenate([rows_of.get(one, order[:0]) for one in within]))
         if len(rows) >= _MIN_GAUSSIANS:
             yield Tile(origin + cell * np.array([STEP * x, STEP * y]), side, rows)
-
-
-def _side(plan: Float64Array, count: int) -> float:
-    """Find the side of the squares that hold so many Gaussians in the mean over the Gaussians, by bisection."""
-    low, high = 0.0, float(np.ptp(plan, axis=0).max()) + 1e-9
-    origin = plan.min(axis=0)
-    for _ in range(_ROUNDS):
-        side = (low + high) / 2
-        within = np.unique(_cells(plan - origin, side), return_counts=True)[1]
-        mean = float(np.square(within.astype(np.float64)).sum() / len(plan))
-        low, high = (side, high) if mean < count else (low, side)
-        if high - low < 1e-2 * high:
-            break
-    return high
 
 
 def _cells(places: Float64Array, side: float) -> IntArray:

@@ -11,10 +11,8 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet, Point, Viewpoint
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import ThingsAtPoints
-from gaussian_trimmer.finding.tiles import LARGEST_LOOK
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, mask_of_rows
-from gaussian_trimmer.geometry.storey import find_storey
 from gaussian_trimmer.selecting.clicks import (
     pieces_at_click,
     seen_alone,
@@ -76,9 +74,8 @@ class MarkInterpreter:
         """
         self._scene, self._up, self._cameras = scene, np.array(marks.up), cameras
         self._seen_from = tuple(_camera_at(place) for place in marks.photographed_from)
-        self._things: ThingsAtPoints | None = None
-        if len(scene) > LARGEST_LOOK or find_storey(scene, self._up).is_room:
-            self._things = ThingsAtPoints(scene, self._up)
+        things = ThingsAtPoints(scene, self._up)
+        self._things = things if things.needed else None
 
     def apply(self, before: Selection, mark: Mark) -> Selection:
         """Return the selection after one more mark, whose view is resolved; nothing may remain selected.
