@@ -22,6 +22,7 @@ from gaussian_trimmer.finding.tiles import (
     tile_sides,
 )
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians, IntArray, check_gaussians
+from gaussian_trimmer.geometry.copies import Distinct, distinct_gaussians
 from gaussian_trimmer.geometry.limits import check_places
 from gaussian_trimmer.geometry.storey import Storey, find_storey, sampled
 from gaussian_trimmer.parallel import parallel_map
@@ -194,7 +195,8 @@ def find_objects(
     """Find every object of a scene: what stands on its surfaces, hangs from them or leans against them.
 
     Rooms below a ceiling, and places with ground much wider than things are high, as a garden, are divided into tiles
-    that are looked at one by one from above, without the ceiling; an object is what several tiles agree on.
+    that are looked at one by one from above, without the ceiling; an object is what several tiles agree on. Copies of a
+    Gaussian count as one.
 
     Args:
         scene: all N Gaussians.
@@ -212,7 +214,21 @@ def find_objects(
     clock, config = Clock(progress, log=None), config or FindConfig()
     check_gaussians(scene)
     check_places(scene)
-    found_up = find_up(scene, cameras, up)
+    distinct = distinct_gaussians(scene)
+    found_up = find_up(distinct.gaussians, cameras, up)
+    found = _find_among(distinct.gaussians, found_up, cameras, config, clock, progress)
+    return found if distinct.gaussians is scene else _with_copies(found, scene, distinct)
+
+
+def _find_among(
+    scene: Gaussians,
+    found_up: UpVector,
+    cameras: CameraSet | None,
+    config: FindConfig,
+    clock: Clock,
+    progress: Callable[[str], None],
+) -> FoundObjects:
+    """Find the objects of a scene without copies; takes what `find_objects` takes and has checked."""
     storey = find_storey(scene, found_up.direction)
     sides = tile_sides(storey, scene.means.astype(np.float64) @ found_up.direction)
     if sides:
@@ -289,6 +305,19 @@ def _find_in_tiles(
         things[number - 1] = replace(things[number - 1], centre=centre, size=size)
     objects = _described(scene, labels, things)
     return FoundObjects(scene, labels, objects, tuple(views), below | (labels > 0), up, clock.seconds)
+
+
+def _with_copies(found: FoundObjects, scene: Gaussians, distinct: Distinct) -> FoundObjects:
+    """Return what was found among the distinct Gaussians of a scene of N with all their copies."""
+    rows, of, surface = distinct.rows, distinct.of, found.surface
+    if surface is not None:
+        known = surface.measured
+        nearest, distance = known.nearest[of], known.distance[of]
+        measured = replace(known, rows=rows[known.rows], nearest=nearest, distance=distance)
+        surface = replace(surface, rows=rows[surface.rows], measured=measured)
+    labels, looked_at = found.labels[of], found.looked_at[of]
+    objects = _described(scene, labels, found.objects)
+    return replace(found, scene=scene, labels=labels, objects=objects, looked_at=looked_at, surface=surface)
 
 
 def _box_of(scene: Gaussians, mask: BoolArray, up: UpVector) -> tuple[Float64Array, Float64Array]:

@@ -13,6 +13,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import ThingsAtPoints
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, mask_of_rows
+from gaussian_trimmer.geometry.copies import distinct_gaussians
 from gaussian_trimmer.selecting.clicks import (
     pieces_at_click,
     seen_alone,
@@ -72,9 +73,10 @@ class MarkInterpreter:
             marks: resolved marks; which ones they are does not matter here.
             cameras: the cameras of the pictures that masks belong to.
         """
-        self._scene, self._up, self._cameras = scene, np.array(marks.up), cameras
+        self._whole, self._distinct = scene, distinct_gaussians(scene)
+        self._scene, self._up, self._cameras = self._distinct.gaussians, np.array(marks.up), cameras
         self._seen_from = tuple(_camera_at(place) for place in marks.photographed_from)
-        things = ThingsAtPoints(scene, self._up)
+        things = ThingsAtPoints(self._scene, self._up)
         self._things = things if things.needed else None
 
     def apply(self, before: Selection, mark: Mark) -> Selection:
@@ -99,12 +101,11 @@ class MarkInterpreter:
         return replace(after, interpretations=(*before.interpretations, interpretation))
 
     def _applied(self, state: Selection, mark: Mark, number: int) -> tuple[Selection, str]:
-        means = self._scene.means
+        means = self._whole.means
         match mark:
-            case Click():
-                return self._click(state, mark)
-            case Box():
-                return self._box(state, mark)
+            case Click() | Box() | Grow() | Shrink():
+                after, how = self._applied_among(state.among(self._distinct.rows), mark)
+                return state.changed_by(after, self._distinct), how
             case Box3D() | Sphere():
                 name = "a 3D box" if isinstance(mark, Box3D) else "a sphere"
                 return state.combined(inside_shape(means, mark, self._up), mark.effect), name
@@ -118,17 +119,24 @@ class MarkInterpreter:
                 if identify(mark.path).kind == "marks":
                     raise InputError(f"'{mark.path}' holds marks; give the .npy beside it, which they selected.")
                 notes = [f"'{mark.path.name}'"]
-                found = load_selection(mark.path, self._scene, mark.options, notes.append)
+                found = load_selection(mark.path, self._whole, mark.options, notes.append)
                 return state.combined(found, mark.effect), "; ".join(notes)
             case FromMasks():
-                found, n = lift_folder(self._scene, self._cameras, mark.folder, mark.gamma)
+                found, n = lift_folder(self._whole, self._cameras, mark.folder, mark.gamma)
                 return state.combined(found, mark.effect), f"{n} masks"
+
+    def _applied_among(self, state: Selection, mark: Click | Box | Grow | Shrink) -> tuple[Selection, str]:
+        """Apply a mark for which copies count as one to a selection of distinct Gaussians."""
+        means = self._scene.means
+        match mark:
+            case Click():
+                return self._click(state, mark)
+            case Box():
+                return self._box(state, mark)
             case Grow():
-                mask = grown(means, state.mask, mark.spacings)
-                return state.combined(mask, "add"), "grown"
+                return state.combined(grown(means, state.mask, mark.spacings), "add"), "grown"
             case Shrink():
-                mask = shrunk(means, state.mask, mark.spacings)
-                return replace(state, mask=mask), "shrunk"
+                return replace(state, mask=shrunk(means, state.mask, mark.spacings)), "shrunk"
 
     def _click(self, state: Selection, mark: Click) -> tuple[Selection, str]:
         view, rows = self._viewed(mark.view)

@@ -22,6 +22,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet, Viewpoint
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Gaussians, check_gaussians
+from gaussian_trimmer.geometry.copies import Distinct
 from gaussian_trimmer.selecting.marks import Box, Click, FromFile, Mark, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 from gaussian_trimmer.selection_files.selection_file import flag
@@ -55,9 +56,10 @@ class Selection:
     seeds: tuple[Seed, ...] = ()
     """What clicks have said about places."""
     other_sizes: tuple[IntArray, ...] = ()
-    """Rows of what the last click means if it is made again, and again: the next larger thing, the next smaller one."""
+    """Rows, among the distinct Gaussians, of what the last click means if it is made again, and again: the next larger
+    thing, the next smaller one."""
     before_click: Selection | None = None
-    """What was selected before that click; None if it has no other sizes."""
+    """What of these was selected before that click; None if it has no other sizes."""
 
     @classmethod
     def nothing(cls, n: int) -> Selection:
@@ -91,6 +93,28 @@ class Selection:
         spared = found if effect == "add" else np.zeros_like(found)
         cuts = tuple(replace(cut, spared=cut.spared | spared) for cut in self.cuts)
         return replace(self, mask=mask, excluded=self.excluded_mask & ~mask, cuts=cuts)
+
+    def among(self, rows: IntArray) -> Selection:
+        """Return the same for some rows of the scene, (M,)."""
+        cuts = tuple(replace(cut, spared=cut.spared[rows]) for cut in self.cuts)
+        return replace(self, mask=self.mask[rows], excluded=self.excluded_mask[rows], cuts=cuts)
+
+    def changed_by(self, after: Selection, distinct: Distinct) -> Selection:
+        """Return what a mark made, (N,), that made another selection of the M distinct Gaussians; copies follow."""
+        if len(distinct.rows) == len(distinct.of):
+            return after
+        before = self.among(distinct.rows)
+
+        def followed(new: BoolArray, old: BoolArray, mask: BoolArray) -> BoolArray:
+            return np.where((new != old)[distinct.of], new[distinct.of], mask)
+
+        each = zip(after.cuts, before.cuts, self.cuts, strict=True)
+        return replace(
+            after,
+            mask=followed(after.mask, before.mask, self.mask),
+            excluded=followed(after.excluded_mask, before.excluded_mask, self.excluded_mask),
+            cuts=tuple(replace(cut, spared=followed(new.spared, old.spared, cut.spared)) for new, old, cut in each),
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the mask as .npy and, if marks made it, these beside it as .json: `trim` takes either.
