@@ -273,6 +273,28 @@ def test_objects_have_names_and_colours_of_their_own(session):
     assert session.now.object.id == 3  # a number never means two objects
 
 
+def test_what_another_object_has_stays_there_unless_it_is_clicked_on_for_a_new_one(session):
+    top = replace(TOP, effect="add", radius=1.2)  # with the middle of the ball
+    mark(session, top)
+    first = session.now.object.selected.mask
+    session.do(edits.add_object)
+    said = mark(session, BALL)
+    masks = [part.selected.mask for part in session.now.objects]
+    assert np.array_equal(masks[0], first) and masks[1].any() and not (masks[0] & masks[1]).any()
+    assert re.search(r"\D(\d+) stay with object 1\.", said)
+    assert not session.now.object.selected.excluded_mask[~first].any()
+    refused(session, edits.mark, top, match="stay with object 1")
+    session.do(edits.clear)
+    assert "taken from object 1" in mark(session, click_on_ball(session))
+    after = [part.selected.mask for part in session.now.objects]
+    assert after[1].any() and not (after[0] & after[1]).any()
+    assert np.array_equal(after[0] | after[1], first)  # the click means what the other object has of it
+    session.do(edits.describe, 1, "locked", True)
+    session.undo()
+    session.undo()
+    assert np.array_equal(session.now.objects[0].selected.mask, first)
+
+
 def test_files_that_do_not_fit_change_nothing(session, tmp_path):
     mark(session, BALL)
     n, basis = len(session.document.scene), session.now.basis

@@ -15,16 +15,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gaussian_trimmer.app.snapshots import PALETTE, MarkedObject, Progress, Snapshot, TrimChoices
-from gaussian_trimmer.cameras import Point, point_of
+from gaussian_trimmer.cameras import Point, Viewpoint, point_of
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, mask_of_rows
 from gaussian_trimmer.geometry.graphs import nearest
+from gaussian_trimmer.rendering import top_contributors
 from gaussian_trimmer.selecting.interpretation import INTERPRETATIONS
-from gaussian_trimmer.selecting.marks import Effect, FromFile, Mark, Marks, Rows, read_marks
+from gaussian_trimmer.selecting.marks import Click, Effect, FromFile, Mark, Marks, Rows, read_marks
 from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.selection_files.row_matching import MATCH_NOTHING
+from gaussian_trimmer.surface.overview import drawn_part
+from gaussian_trimmer.surface.viewed_scene import CONTRIBUTORS
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.trimming.up_vector import UpVector
 from gaussian_trimmer.views.view import HALF
@@ -43,7 +46,7 @@ class Change(NamedTuple):
 
 
 def mark(now: Snapshot, *marks: Mark, among: BoolArray | None = None, anew: bool = False) -> Change:
-    """Mark the active object.
+    """Mark the active object; what other objects have stays theirs, but a first click on one of them takes it from it.
 
     Args:
         now: the state before.
@@ -66,14 +69,27 @@ def mark(now: Snapshot, *marks: Mark, among: BoolArray | None = None, anew: bool
     if strays and not touches(now.document.scene.means, before.selected.mask, added):
         raise InputError("What you clicked on does not touch the object, so it was not added; draw over it to add it.")
     kept = now.locked if among is None else now.locked | ~among
+    others = [part for part in now.objects if part is not before and not (part.locked or part.hidden)]
+    source = None if before.n_selected else _clicked_on(now, others, marks[0])
+    if source is not None:
+        assert isinstance(marks[0], Click), "only a click is on another object"
+        wanted = source.mask & ~now.applied(source.selected, [replace(marks[0], effect="remove")]).mask & ~kept
+        how, stay = f"taken from {source.name}", ""
+    else:
+        wanted = np.where(kept, before.selected.mask, selected.mask)
+        theirs = {part.name: added & wanted & part.mask for part in others}
+        wanted = wanted & ~np.any([now.nothing().mask, *theirs.values()], axis=0)
+        stay = " and ".join(f"{rows.sum():,} stay with {name}" for name, rows in theirs.items() if rows.any())
     undone: tuple[tuple[Effect, BoolArray], ...] = (
-        ("remove", added & kept),
-        ("add", before.selected.mask & ~selected.mask & kept),
+        ("remove", selected.mask & ~wanted),
+        ("add", wanted & ~selected.mask),
     )
     for effect, rows in undone:
         if rows.any():
-            marks = (*marks, Rows.of(rows, "what is not shown stays", effect))
+            marks = (*marks, Rows.of(rows, "what is not shown, or another object's, stays", effect))
             selected = now.applied(selected, marks[-1:])
+    if stay and np.array_equal(selected.mask, before.selected.mask):
+        raise InputError(f"This mark was not made: {stay}. To take them, add an object, and click on them first.")
     if not selected.mask.any():
         raise InputError("After this mark nothing would be selected, so it was not made. To start over, clear.")
     change = _describe_change(before.selected, selected)
@@ -82,8 +98,30 @@ def mark(now: Snapshot, *marks: Mark, among: BoolArray | None = None, anew: bool
     marked = before.marked(before.marks + marks, selected, further=True)
     if not before.marks and before.colour in PALETTE:
         marked = replace(marked, colour=now.contrasting_colour(selected.mask))
-    sentence = f"{change} {how}. {marked.n_selected:,} Gaussians selected."
-    return Change(now.with_object(marked, f"mark ({how})"), sentence)
+    sentence = f"{change} {how}. {f'{stay}. ' if stay else ''}{marked.n_selected:,} Gaussians selected."
+    after = now.with_object(marked, f"mark ({how})")
+    return Change(after if source is None else after.with_object(_without(now, source, wanted), after.last), sentence)
+
+
+def _clicked_on(now: Snapshot, parts: Sequence[MarkedObject], mark: Mark) -> MarkedObject | None:
+    """Return that of some objects that has most of what shows where a mark clicks; None if none has, or it does not."""
+    if not (isinstance(mark, Click) and isinstance(mark.view, Viewpoint) and parts):
+        return None
+    drawn, rows = drawn_part(now.document.scene, mark.view)
+    found, weights = top_contributors(drawn, mark.view.camera, np.array([[mark.x, mark.y]]), CONTRIBUTORS)
+    rows, shown = rows[found[0]], np.where(found[0] < 0, 0, weights[0])
+    return next((part for part in parts if shown[part.mask[rows]].sum() > HALF * shown.sum()), None)
+
+
+def _without(now: Snapshot, part: MarkedObject, rows: BoolArray) -> MarkedObject:
+    """Return an object without some Gaussians, (N,), that another one has now."""
+    taken = Rows.of(rows, "what another object has", "remove")
+    selected = now.applied(part.selected, [taken])
+    return (
+        part.marked((*part.marks, taken), selected, further=True)
+        if selected.mask.any()
+        else part.marked((), now.nothing())
+    )
 
 
 def invert(now: Snapshot) -> Change:
