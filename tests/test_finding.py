@@ -17,7 +17,7 @@ from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.surface.regions import _certain_links, _merged, _mutual
 from gaussian_trimmer.surface.room_surfaces import find_room
 from gaussian_trimmer.surface.visible_surface import find_visible_surface, views_of
-from gaussian_trimmer.trimming.up_vector import SURE_CONFIDENCE
+from gaussian_trimmer.trimming.up_vector import SURE_CONFIDENCE, UpVector
 
 CAMERAS = room.cameras()
 
@@ -52,6 +52,13 @@ def test_what_stands_is_found_and_what_touches_is_told_apart(found, furnished):
     matched = [best(found, part == number) for number in (2, 3, 4)]
     assert len({number for number, _ in matched}) == 3
     assert min(overlap for _, overlap in matched) > 0.8
+
+
+def test_nothing_is_sure_while_up_is_a_guess(furnished, found):
+    up = UpVector(found.up.direction, "ground plane", 0.3)
+    guessed = find_objects(furnished[0], cameras=CAMERAS, up=up)
+    assert len(guessed) == len(found) and not any(one.sure for one in guessed)
+    assert all(one.doubts[0] == "up is a guess" for one in guessed)
 
 
 def test_the_room_is_no_object(found, furnished):

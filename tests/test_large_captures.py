@@ -12,15 +12,15 @@ from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding import find
 from gaussian_trimmer.finding.found import FoundObject
-from gaussian_trimmer.finding.tiles import Candidate, TallThings, choose_objects, plan_tiles, tile_sides
+from gaussian_trimmer.finding.tiles import Candidate, TallThings, choose_objects, plan_tiles
 from gaussian_trimmer.gaussians import concatenate, mask_of_rows
-from gaussian_trimmer.geometry.storey import Storey, find_storey
+from gaussian_trimmer.geometry.storey import Storey, find_storey, tile_sides
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selecting import interpretation
 from gaussian_trimmer.selecting.marks import Click, Grow, Marks
 from gaussian_trimmer.surface.overview import OverviewConfig, plan_views
 from gaussian_trimmer.trimming.up_vector import up_from_layers
-from gaussian_trimmer.views.standing import stands_in_rooms
+from gaussian_trimmer.views.standing import seen_shares, stands_in_rooms
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -49,6 +49,19 @@ def test_a_person_stands_in_a_room_between_floor_and_ceiling_and_nowhere_outdoor
     assert storey.floor < eye[2] < storey.ceiling and target[2] < eye[2]
     assert (ways.min(axis=0) < eye[:2]).all() and (eye[:2] < ways.max(axis=0)).all()
     assert stands_in_rooms(toy.ball_on_floor()[0], UP) == []
+
+
+def test_nobody_stands_in_a_cupboard_or_looks_at_what_is_before_the_eyes():
+    sides = np.linspace(0.9, 0.3, 60)
+    cupboard = [room.box((1.5, 1.5), (side, side, 2.4), room.RED, seed) for seed, side in enumerate(sides)]
+    inside = concatenate([room.floor(), ceiling(2.6), *furniture(), *cupboard])
+    looks = stands_in_rooms(inside, UP, 16)
+    assert looks
+    for eye, target in looks:
+        camera = toy.camera_at(eye, target, 96)
+        _, near, far = seen_shares(inside, camera, 1.3)
+        assert near < 1.5 * far
+        assert np.abs(eye[:2] - 1.5).max() > 0.45
 
 
 def test_views_to_click_in_are_those_of_a_person_in_rooms_and_together_show_all_furniture():
@@ -128,6 +141,24 @@ def test_what_stands_on_a_thing_is_a_part_of_it_however_many_tiles_agree_on_it()
     assert [len(one.rows) for one in choose_objects(sofa + cushions, 400, UP)] == [400]
     assert [len(one.rows) for one in choose_objects(cushions, 400, UP)] == [60, 60]
     assert [len(one.rows) for one in choose_objects(sofa + cushions, 400, UP, parts=True)] == [60, 60, 280]
+
+
+def test_on_wide_ground_each_square_has_a_view_and_its_things_are_large_in_it():
+    flat = np.stack(np.meshgrid(*[np.linspace(-10, 10, 120)] * 2), -1).reshape(-1, 2)
+    ground = toy.gaussians(np.column_stack([flat, np.zeros(len(flat))]), (0.12, 0.12, 0.005), room.GREY)
+    things = [room.box((x, y), (0.4, 0.4, 1.0), room.RED) for x in (-7.0, 0.0, 7.0) for y in (-7.0, 7.0)]
+    scene = concatenate([ground, *things])
+    planned = plan_views(scene, UP)
+    near, whole = planned.views[: planned.whole.start], planned.views[planned.whole.start :]
+    assert len(whole) == 8 < len(near)
+    for thing in things:
+        sizes = [[], []]
+        for of, views in zip(sizes, (near, whole), strict=True):
+            for view in views:
+                pixels, depths = view.camera.project(thing.means.mean(axis=0, keepdims=True))
+                of += [view.camera.K[0, 0] / depths[0]] if view.camera.contains(pixels)[0] else []
+        assert max(sizes[0]) > 2 * max(sizes[1])
+    assert all(render(scene, view.camera).alpha.mean() > 0.5 for view in near)
 
 
 @pytest.mark.parametrize("times", [1, 4])

@@ -31,6 +31,54 @@ def test_click_in_a_given_view(ball, tmp_path, capsys):
         lengths = re.search(r"Gaussians, (\S+) x (\S+) x (\S+),", printed).groups()
         assert [float(length) for length in lengths] == pytest.approx([2 * toy.RADIUS] * 3, rel=0.15)
         assert f"gaussian-trimmer trim {folder / 'scene.ply'} {output} --cameras" in printed
+        assert f"{number}.png shows it" in printed
+
+
+def test_a_picture_of_each_marked_view_shows_the_marks_and_what_they_took(ball, tmp_path):
+    folder, _, _ = ball
+    command = ["select", folder / "scene.ply", "--cameras", folder / "cameras.json", "--output", tmp_path / "a.npy"]
+    x, y = middle_of(folder)
+    command += ["--view", "0", "--click", x, y, "--view", "2", "--remove-click", *middle_of(folder, "2.png", (1, 1, 0))]
+    assert run(*command, "--quiet") == 0
+    picture = cv2.imread(str(tmp_path / "a.png")).astype(int)
+    camera = read_camera_set(folder / "cameras.json").cameras[0]
+    scale = len(picture) / camera.height
+    assert picture.shape[1] > 2 * round(scale * camera.width)  # one beside the other
+    blue, green, red = picture[round(scale * y), round(scale * x)]
+    assert green > blue and green > red  # the mark that adds
+    blue, green, red = picture[round(scale * y) + 30, round(scale * x)]
+    assert blue > red  # a red ball, tinted
+
+
+def test_cameras_that_look_away_from_the_scene_are_refused(ball, tmp_path, capsys):
+    folder, _, _ = ball
+    cameras = []
+    for number, camera in enumerate(read_camera_set(folder / "cameras.json").cameras):
+        pose = np.linalg.inv(camera.world_to_camera)
+        views = {"id": number, "img_name": camera.name, "width": camera.width, "height": camera.height}
+        views |= {"fx": camera.K[0, 0], "fy": camera.K[1, 1], "position": pose[:3, 3].tolist()}
+        cameras.append(views | {"rotation": (pose[:3, :3] * (1, -1, -1)).tolist()})
+    (tmp_path / "opengl.json").write_text(json.dumps(cameras))
+    command = ["select", folder / "scene.ply", "--cameras", tmp_path / "opengl.json"]
+    for what in (["--list-views", tmp_path / "views"], ["--masks", folder / "masks", "--output", tmp_path / "a.npy"]):
+        assert run(*command, *what) == 2
+        assert "look away from the scene" in capsys.readouterr().err
+    assert not (tmp_path / "views").exists() and not (tmp_path / "a.npy").exists()
+    assert run("info", folder / "scene.ply", tmp_path / "opengl.json") == 0
+    assert "OpenGL" in capsys.readouterr().out
+    assert run("info", folder / "scene.ply", folder / "cameras.json") == 0
+    assert "OpenGL" not in capsys.readouterr().out
+
+
+def test_views_have_the_axes_where_up_is_a_guess(ball, tmp_path):
+    _, scene, truth = ball
+    formats.write(scene.select(truth), tmp_path / "ball.ply")
+    for options in ([], ["--up", "-y"]):
+        out = tmp_path / f"views{len(options)}"
+        assert run("select", tmp_path / "ball.ply", *options, "--list-views", out, "--quiet") == 0
+    guessed, given = (cv2.imread(str(tmp_path / name / "000.png")) for name in ("views0", "views2"))
+    lower_left = np.s_[-120:, :120]
+    assert (guessed[lower_left] != given[lower_left]).any() and not given[lower_left].any()
 
 
 def test_a_second_try_replaces_its_own_files_and_no_others(ball, tmp_path, capsys):

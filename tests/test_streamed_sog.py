@@ -15,9 +15,11 @@ from format_samples import ATTRIBUTES, real, sample
 
 import gaussian_trimmer as gt
 from gaussian_trimmer import formats
+from gaussian_trimmer.commands import select
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import streamed_sog
 from gaussian_trimmer.gaussians import Gaussians, concatenate
+from gaussian_trimmer.rendering import render
 
 PLAYBOT = Path(__file__).parent / "fixtures" / "playbot"
 
@@ -45,6 +47,17 @@ def streamed(folder: Path, *, degree: int = 0) -> Path:
 def assert_same(a: Gaussians, b: Gaussians) -> None:
     for name in ATTRIBUTES:
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+
+
+def test_a_number_means_the_same_view_at_each_level(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, views = streamed(tmp_path), list[Any]()
+    monkeypatch.setattr(select, "render", lambda drawn, camera: views.append(camera) or render(drawn, camera))
+    for level in (0, 1):
+        assert run("select", scene, "--level", level, "--list-views", tmp_path / f"views{level}", "--quiet") == 0
+    first, second = (views[: len(views) // 2], views[len(views) // 2 :])
+    assert len(first) > 1
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_array_equal(one.world_to_camera, other.world_to_camera)
 
 
 class TestRead:

@@ -8,12 +8,16 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array
 
 _MAX_SQUARABLE = 1e150
 """Squares of numbers between this and its inverse neither overflow nor vanish."""
+_MOST_POINTS, _FAR_FEWER = 3000, 0.25
+"""Points of a scene by which it is told whether cameras look at it; share of what they would show if turned around,
+below which they look away."""
 AXIS = re.compile(r"[+-]?[xyz]", re.IGNORECASE)
 """How an axis is written."""
 
@@ -148,6 +152,30 @@ def only_training(cameras: CameraSet) -> CameraSet:
     """The same set without its held-out cameras, which are ground truth."""
     kept = tuple(training_cameras(cameras))
     return replace(cameras, cameras=kept, train=(True,) * len(kept))
+
+
+def check_facing(cameras: CameraSet | None, means: NDArray[np.floating]) -> None:
+    """Refuse cameras that look away from a scene with centres (N, 3).
+
+    Raises:
+        InputError: turned around they would show much more of it, or they show nothing.
+    """
+    taken = cameras.pinhole_cameras() if cameras is not None else ()
+    points = means[:: 1 + len(means) // _MOST_POINTS].astype(np.float64)
+    around = [replace(one, world_to_camera=np.diag([1.0, -1, -1, 1]) @ one.world_to_camera) for one in taken]
+    if not taken:
+        return
+    shown, turned = (float(np.mean([one.contains(one.project(points)[0]) for one in some])) for some in (taken, around))
+    if shown < _FAR_FEWER * turned:
+        raise InputError(
+            f"The cameras look away from the scene: a picture shows {100 * shown:.1f} % of it, and would show "
+            f"{100 * turned:.0f} % if they were turned around. Their axes seem to be OpenGL's (y up, z backward); "
+            "negate the second and third column of each camera-to-world matrix."
+        )
+    if not shown:
+        raise InputError(
+            f"None of the {len(taken)} cameras has the scene in its picture; check that they belong to it."
+        )
 
 
 def unit_up(vector: Any, what: str = "The up vector") -> Float64Array:

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.camera_files import read_camera_set, read_cameras_of
+from gaussian_trimmer.cameras import check_facing
 from gaussian_trimmer.commands.arguments import LEVEL, TRUST
 from gaussian_trimmer.commands.console import add_printing, console_of, print_json
 from gaussian_trimmer.errors import InputError, clip_name, printable
@@ -64,6 +65,15 @@ def run(arguments: Namespace) -> None:
         said = describe_file(path, level=arguments.level, trust_paths=arguments.trust_paths, facts=facts)
         console.print(said)
         files.append({"file": str(path), "said": said, **facts})
+    scenes, cameras = ([p for p in arguments.files if identify(p).kind == kind] for kind in ("splats", "cameras"))
+    if len(scenes) == 1:
+        for path in cameras:
+            try:
+                taken = read_cameras_of(scenes[0], path, trust_paths=arguments.trust_paths, say=lambda text: None)
+                check_facing(taken, formats.read(scenes[0], level=arguments.level, say=lambda text: None).means)
+            except InputError as wrong:
+                console.print(f"{path}, for {scenes[0]}: {wrong}")
+                files.append({"file": str(path), "said": str(wrong)})
     print_json(arguments, {"files": files})
 
 

@@ -92,7 +92,7 @@ def run(arguments: Namespace) -> int:
         document = write_found(found, part, command=again, names=names)
         if sure := [str(one.id) for one in found if one.sure and one.kind == "object"]:
             write_table([_batch_row(arguments, sure, folder, up)], part / FOUND_OBJECTS)
-    _print_found(console, found, names, folder / "objects.csv")
+    _print_found(console, found, names, folder)
     console.print(
         f"{folder}: {sum(one.sure for one in found)} objects, and "
         f"{sum(not one.sure for one in found)} that are unsure; time {time.perf_counter() - start:.1f} s"
@@ -131,13 +131,20 @@ def _batch_row(arguments: Namespace, numbers: list[str], folder: Path, up: UpVec
     }
 
 
-def _print_found(console: Console, found: FoundObjects, names: dict[int, str], table: Path) -> None:
+def _print_found(console: Console, found: FoundObjects, names: dict[int, str], folder: Path) -> None:
+    """List what is sure or, if nothing is, all; and say where the rest is."""
     listed = [one for one in found if one.sure] or list(found)
     for one in listed[:_MOST_LISTED]:
         called = f" {names[one.id]}" if one.id in names else ""
         console.print(f"object {one.id}{called}: {one.gaussians:,} Gaussians, {in_lengths(one.size)}, {one.why}")
-    if len(listed) > _MOST_LISTED:
-        console.print(f"{len(listed) - _MOST_LISTED} more are in {table}.")
+    rest, sure = len(found) - min(len(listed), _MOST_LISTED), sum(one.sure for one in found)
+    if rest:
+        too = f"{_MOST_LISTED + 1} to {sure} are sure, too; " if sure > _MOST_LISTED else ""
+        unsure = f"{sure + 1} to {len(found)} are not sure; " if 0 < sure < len(found) else ""
+        console.print(f"Of {rest} more, {too}{unsure}{folder / 'objects.csv'} lists them, plan.png has the numbers.")
+    if not found.up.is_sure:
+        direction = " ".join(f"{value + 0.0:.3f}" for value in found.up.direction)
+        console.print(f"Nothing is sure while up is a guess; if it is right, say so: --up {direction}")
 
 
 def _named(texts: tuple[str, ...]) -> dict[int, str]:

@@ -9,10 +9,12 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
+import cv2
 import numpy as np
 from rich.console import Console
 
-from gaussian_trimmer.cameras import CameraSet, Viewpoint, up_frame
+from gaussian_trimmer import formats
+from gaussian_trimmer.cameras import CameraSet, Viewpoint, check_facing, up_frame
 from gaussian_trimmer.commands.arguments import add_marks, add_scene, add_trimming, config_of, mark_files, marks_of
 from gaussian_trimmer.commands.console import console_of, in_lengths, print_json, print_up, refuse_existing
 from gaussian_trimmer.commands.trim_run import (
@@ -25,16 +27,17 @@ from gaussian_trimmer.commands.trim_run import (
     words_again,
 )
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.identify import identify
+from gaussian_trimmer.formats.identify import STREAMED, identify
+from gaussian_trimmer.formats.streamed_sog import open_streamed
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.folders import atomic_folder, is_made_of
 from gaussian_trimmer.io.reading import is_file
 from gaussian_trimmer.io.writing import npy_bytes, write_whole
-from gaussian_trimmer.output.pictures import as_picture, with_grid, write_picture
+from gaussian_trimmer.output.pictures import Picture, as_picture, side_by_side, with_axes, with_grid, write_picture
 from gaussian_trimmer.parser import PROGRAM, Parser
-from gaussian_trimmer.rendering import render
+from gaussian_trimmer.rendering import blend_values, render
 from gaussian_trimmer.selecting.lifting import lift_folder
-from gaussian_trimmer.selecting.marks import FromMasks, Marks, read_marks
+from gaussian_trimmer.selecting.marks import Box, Click, FromMasks, Marks, read_marks
 from gaussian_trimmer.selecting.select import resolve_views, select
 from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.settings import Range
@@ -57,6 +60,11 @@ EXAMPLES = (
 _LISTING, _PICTURES = "select --list-views", "[0-9][0-9][0-9].png"
 _END_PERCENTILES = (2, 98)
 """Percentiles of the selected centres that are taken for the ends of what is selected."""
+_MARKED_PIXELS = 480
+"""Height of the pictures of marked views."""
+_TAKEN_COLOUR, _TINT, _MARK_COLOURS = (0.1, 0.5, 1.0), 0.55, ((90, 230, 90), (60, 60, 255))
+"""Colour of what was taken, red first, and how strong it is; colours of marks that add or keep, and of those that take
+away, blue first."""
 
 
 def add_arguments(parser: Parser) -> None:
@@ -114,6 +122,7 @@ def _select(arguments: Namespace, path: Path, console: Console) -> Request:
     """Make the selection and save it; return it, and what it was made from."""
     inputs = {"scene": arguments.scene, "selection": path, "cameras": arguments.cameras}
     scene, cameras = read_scene(arguments, console)
+    check_facing(cameras, scene.means)
     if arguments.object_ids:
         labels, n_masks = lift_folder(scene, cameras, arguments.masks, arguments.gamma, ids=True)
         if not labels.any():
@@ -124,10 +133,13 @@ def _select(arguments: Namespace, path: Path, console: Console) -> Request:
     up = find_up(scene, cameras, arguments.up)
     made = select(scene, _resolved(arguments, scene, cameras, up), cameras=cameras)
     made.save(path)
+    if (picture := _draw_marks(scene, made)) is not None:
+        write_picture(picture, path.with_suffix(".png"))
     ends = np.percentile(scene.means[made.mask] @ up_frame(up.direction).T, _END_PERCENTILES, axis=0)
     size, understood = in_lengths(np.ptp(ends, axis=0)), "; then ".join(made.interpretations)
     count = f"{np.count_nonzero(made.mask):,} of {len(scene):,} Gaussians"
-    console.print(f"{path}: {count}, {size}, {understood}")
+    seen = f"; {path.with_suffix('.png')} shows it" if picture is not None else ""
+    console.print(f"{path}: {count}, {size}, {understood}{seen}")
     if arguments.trim is None:  # else the trim says what it found for the object
         console.print(f"up: {up_text(**vars(up))}")
     known_up = config_of(arguments).up or up.for_trims()
@@ -135,9 +147,37 @@ def _select(arguments: Namespace, path: Path, console: Console) -> Request:
     return Request(scene, cameras, {THE_OBJECT: made}, words, inputs, made.marks, up)
 
 
+def _draw_marks(scene: Gaussians, made: Selection) -> Picture | None:
+    """Return each view in which something was marked, with the marks and, tinted, what they took; None without any."""
+    assert made.marks is not None, "they made the selection"
+    by_view = dict[bytes, list[Click | Box]]()
+    for mark in made.marks.marks:
+        if isinstance(mark, Click | Box) and isinstance(mark.view, Viewpoint):
+            by_view.setdefault(mark.view.camera.world_to_camera.tobytes(), []).append(mark)
+    pictures = []
+    for marks in by_view.values():
+        view = marks[0].view
+        assert isinstance(view, Viewpoint), "others have no marks"
+        scale = _MARKED_PIXELS / view.camera.height
+        rows, camera = drawn_rows(scene.means, view), view.camera.resized(scale)
+        drawn = scene.select(rows)
+        taken = _TINT * np.clip(blend_values(drawn, camera, made.mask[rows].astype(np.float32)[:, None]), 0, 1)
+        picture = as_picture((1 - taken) * render(drawn, camera).rgb + taken * np.array(_TAKEN_COLOUR, np.float32))
+        for mark in marks:
+            colour = _MARK_COLOURS[mark.effect == "remove"]
+            places = (mark.x, mark.y) if isinstance(mark, Click) else (mark.x0, mark.y0, mark.x1, mark.y1)
+            x, y, *corner = (round(scale * place) for place in places)
+            if corner:
+                cv2.rectangle(picture, (x, y), (corner[0], corner[1]), colour, 2, cv2.LINE_AA)
+            else:
+                cv2.drawMarker(picture, (x, y), colour, cv2.MARKER_CROSS, 20, 2, cv2.LINE_AA)
+        pictures.append(picture)
+    return side_by_side(pictures) if pictures else None
+
+
 def _resolved(arguments: Namespace, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Marks:
     """Return all marks, those of an earlier run first."""
-    views = _overview(arguments, scene, None, up).views if cameras is None else None
+    views = _overview(arguments, scene, None).views if cameras is None else None
     marks: list[Any] = marks_of(arguments)
     if arguments.masks is not None:
         marks.insert(0, FromMasks(arguments.masks, arguments.gamma))
@@ -181,15 +221,19 @@ def _check_files(arguments: Namespace, path: Path) -> None:
             f"'{path}' is a selection of another scene ('{earlier or 'unknown'}'); choose another name with --output, "
             "or replace it with --overwrite."
         )
-    for file in [path] if arguments.object_ids else [path, beside]:
+    for file in [path] if arguments.object_ids else [path, beside, path.with_suffix(".png")]:
         refuse_existing(file, inputs=inputs, overwrite=overwrite or again)
 
 
-def _overview(arguments: Namespace, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Overview:
-    if cameras is None:
-        config = OverviewConfig(**{field.name: getattr(arguments, field.name) for field in fields(OverviewConfig)})
-        return plan_views(scene, up.direction, config)
-    return Overview([Viewpoint(camera) for camera in cameras.pinhole_cameras()], range(0))
+def _overview(arguments: Namespace, scene: Gaussians, cameras: CameraSet | None) -> Overview:
+    """Return the views of the cameras, or those that are planned: of a capture with levels, the same at each."""
+    if cameras is not None:
+        return Overview([Viewpoint(camera) for camera in cameras.pinhole_cameras()], range(0))
+    path = identify(arguments.scene).scene
+    if path.name == STREAMED:
+        scene = formats.read(path, level=open_streamed(path).coarsest, say=lambda text: None)
+    config = OverviewConfig(**{field.name: getattr(arguments, field.name) for field in fields(OverviewConfig)})
+    return plan_views(scene, find_up(scene, None, arguments.up).direction, config)
 
 
 def _write_views(arguments: Namespace, console: Console) -> None:
@@ -197,10 +241,12 @@ def _write_views(arguments: Namespace, console: Console) -> None:
     overwrite = arguments.overwrite or is_made_of(folder, scene_file)
     with atomic_folder(folder, _LISTING, names=[_PICTURES], source=scene_file, overwrite=overwrite) as part:
         scene, cameras = read_scene(arguments, console)
+        check_facing(cameras, scene.means)
         up = find_up(scene, cameras, arguments.up)
-        overview = _overview(arguments, scene, cameras, up)
+        overview = _overview(arguments, scene, cameras)
         for number, view in enumerate(overview.views):
             picture = as_picture(render(scene.select(drawn_rows(scene.means, view)), view.camera).rgb)
+            picture = picture if up.is_sure else with_axes(picture, view.camera)
             write_picture(with_grid(picture) if arguments.grid else picture, part / f"{number:03d}.png")
     print_json(arguments, {"views": len(overview.views)}, folder)
     print_up(console, up)

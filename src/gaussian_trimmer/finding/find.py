@@ -11,7 +11,14 @@ from typing import Any
 import numpy as np
 
 from gaussian_trimmer.cameras import CameraSet, Viewpoint, point_of, up_frame
-from gaussian_trimmer.finding.found import MIN_SHARE_AT_ALL, FindConfig, FoundObject, FoundObjects, name_objects
+from gaussian_trimmer.finding.found import (
+    DOUBTFUL,
+    MIN_SHARE_AT_ALL,
+    FindConfig,
+    FoundObject,
+    FoundObjects,
+    name_objects,
+)
 from gaussian_trimmer.finding.tiles import (
     Candidate,
     TallThings,
@@ -19,12 +26,11 @@ from gaussian_trimmer.finding.tiles import (
     choose_objects,
     most_agreed_on,
     plan_tiles,
-    tile_sides,
 )
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians, IntArray, check_gaussians
 from gaussian_trimmer.geometry.copies import Distinct, distinct_gaussians
 from gaussian_trimmer.geometry.limits import check_places
-from gaussian_trimmer.geometry.storey import Storey, find_storey, sampled
+from gaussian_trimmer.geometry.storey import Storey, find_storey, sampled, tile_sides
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.surface.overview import views_of_all
 from gaussian_trimmer.surface.regions import find_regions
@@ -196,7 +202,7 @@ def find_objects(
 
     Rooms below a ceiling, and places with ground much wider than things are high, as a garden, are divided into tiles
     that are looked at one by one from above, without the ceiling; an object is what several tiles agree on. Copies of a
-    Gaussian count as one.
+    Gaussian count as one. Nothing is sure while the up vector is a guess.
 
     Args:
         scene: all N Gaussians.
@@ -217,7 +223,14 @@ def find_objects(
     distinct = distinct_gaussians(scene)
     found_up = find_up(distinct.gaussians, cameras, up)
     found = _find_among(distinct.gaussians, found_up, cameras, config, clock, progress)
+    if not found_up.is_sure:
+        found = replace(found, objects=tuple(_doubted(one) for one in found))
     return found if distinct.gaussians is scene else _with_copies(found, scene, distinct)
+
+
+def _doubted(one: FoundObject) -> FoundObject:
+    """Return what is found while up is a guess: what stands may as well lean."""
+    return replace(one, confidence=min(one.confidence, DOUBTFUL), doubts=("up is a guess", *one.doubts))
 
 
 def _find_among(

@@ -39,9 +39,9 @@ _MARGIN = 0.25
 _DIMMED = 0.35
 """Brightness of what is not the object."""
 _MOST_PICTURES = 100
-_LONGER_PIXELS = 1400
-_FONT_SCALE, _SMALL_FONT_SCALE, _MANY = 0.6, 0.3, 100
-"""Size of the numbers, and that of so many or more."""
+_LONGER_PIXELS, _MANY_PIXELS, _MANY = 1400, 4000, 100
+"""Longer side of the plan, and that of so many objects or more."""
+_FONT_SCALE = 0.6
 _DISTANCE = 4.0
 """Distance of the camera, relative to the longer side of the plan: far enough that little of any side shows."""
 _PLAN_MARGIN = 0.05
@@ -138,10 +138,9 @@ def draw_plan(found: FoundObjects) -> Picture:
     share = np.clip(blended[..., 3:], 0, 1)
     rgb = render(scene, camera).rgb * (_PLAN_DIMMED + (1 - _PLAN_DIMMED - _TINT) * share) + _TINT * blended[..., :3]
     picture = np.ascontiguousarray(as_picture(rgb))
-    scale = _FONT_SCALE if len(shown) < _MANY else _SMALL_FONT_SCALE
     for one, (x, y) in zip(shown, camera.project(np.array([one.centre for one in shown]))[0], strict=True):
-        (width, height), _ = cv2.getTextSize(str(one.id), cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
-        draw_number(picture, one.id, (round(x) - width // 2, round(y) + height // 2), scale)
+        (width, height), _ = cv2.getTextSize(str(one.id), cv2.FONT_HERSHEY_SIMPLEX, _FONT_SCALE, 1)
+        draw_number(picture, one.id, (round(x) - width // 2, round(y) + height // 2), _FONT_SCALE)
     return picture
 
 
@@ -152,9 +151,10 @@ def _camera_above(found: FoundObjects, centres: Float64Array, sizes: Float64Arra
     low, high = (local - sizes / 2).min(axis=0), (local + sizes / 2).max(axis=0)
     sides = (high - low)[:2] + 2 * _PLAN_MARGIN * float((high - low)[:2].max())
     longer, upwards = float(sides.max()), int(sides[1] <= sides[0])  # the picture is wide
-    width, height = _LONGER_PIXELS, max(1, round(_LONGER_PIXELS * float(sides.min()) / longer))
+    width = _LONGER_PIXELS if len(centres) < _MANY else _MANY_PIXELS
+    height = max(1, round(width * float(sides.min()) / longer))
     middle = np.array([*(low + high)[:2] / 2, high[2]]) @ axes
-    focal = _DISTANCE * _LONGER_PIXELS
+    focal = _DISTANCE * width
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
     pose = look_at(middle + _DISTANCE * longer * axes[2], middle, axes[upwards])
     return Camera(pose, K, width, height, near=NEAR_RADII * longer)
@@ -164,7 +164,8 @@ def page(found: FoundObjects, command: Sequence[str], names: Mapping[int, str]) 
     """Return the page as HTML; it works without a server, and loads nothing but the pictures beside it."""
     cards = [_card(one, names.get(one.id, "")) for one in found]
     sure = sum(one.sure for one in found)
-    plan = '<img src="plan.png" alt="the objects on a plan, by their numbers">' if found.objects else ""
+    plan = '<img src="plan.png" alt="the objects on a plan, by their numbers">'
+    plan = f'<a href="plan.png">{plan}</a>' if found.objects else ""
     body = (
         f"<header><p><b>{sure} objects</b>, and {len(found) - sure} that the program is not sure of, at the end. "
         "Untick what you do not want, give the number of another object to merge with it, or tick split. The command "

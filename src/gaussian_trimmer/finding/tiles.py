@@ -29,13 +29,6 @@ from gaussian_trimmer.geometry.graphs import connected_voxels
 from gaussian_trimmer.geometry.storey import Storey
 from gaussian_trimmer.views.view import HALF
 
-TILE_SIDES = 8.0, 4.0, 2.0
-"""Sides of tiles, relative to the height of what stands in a place, from a whole room to a chair: a thing is whole in
-tiles of one size, and large enough to be seen in another."""
-_END_PERCENTILES = (2, 98)
-"""Percentiles of the heights between which things are."""
-_LOWEST = 0.01
-"""Smallest height of things, relative to the width of the ground that they stand on; it bounds the number of tiles."""
 CELLS, STEP = 3, 2
 """Cells along the side of a tile, and from one to the next: they overlap by a third."""
 _MIN_GAUSSIANS = 500
@@ -64,24 +57,6 @@ class Tile:
         """Tell whether a box lies within the square and does not touch its border."""
         margin = _MARGIN * self.side
         return bool((low > self.low + margin).all() and (high < self.low + self.side - margin).all())
-
-
-def tile_sides(storey: Storey, heights: Float64Array) -> tuple[float, ...]:
-    """Return the sides of the tiles of each size, in scene units; none of a place that one look from around shows.
-
-    Such a place has no ceiling, and a floor or ground no wider than the largest tile, or nothing that stands on it.
-
-    Args:
-        storey: where floor and ceiling are.
-        heights: of all N Gaussians, (N,).
-    """
-    shown, width = heights[heights < storey.head_height], float(np.sqrt(storey.area))
-    if not len(shown):
-        return ()
-    low, high = np.percentile(shown, _END_PERCENTILES)
-    sides = tuple(share * (float(high) - storey.floor) for share in TILE_SIDES)
-    is_wide = TILE_SIDES[0] * (high - low) < width < (high - low) / _LOWEST
-    return sides if storey.is_room or is_wide else ()
 
 
 def plan_tiles(plan: Float64Array, side: float) -> Iterator[Tile]:

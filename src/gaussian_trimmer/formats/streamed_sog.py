@@ -74,6 +74,11 @@ class StreamedSog:
         """Return the names of the chunks of leaves that are not there."""
         return [name for name in self.chunks_of(level) if not is_file(self.path.parent / name)]
 
+    @property
+    def coarsest(self) -> int | None:
+        """Number of the coarsest level of which all chunks are there; None if there is none."""
+        return max((number for number, level in self.levels.items() if not self.missing(level)), default=None)
+
     def choose_level(self, wanted: int | None, box: Box | None = None) -> int:
         """Return the wanted level, or the finest that memory allows to work on; the coarsest if none does.
 

@@ -24,6 +24,13 @@ _CEILING_SHARE = 0.5
 MIN_FLOOR = 0.1
 """Share of the plan's square that the floor of a room covers at least: a flat's covers 0.3, the lid of a thing 0.04."""
 _SAMPLE_SIZE = 200_000
+TILE_SIDES = 8.0, 4.0, 2.0
+"""Sides of tiles, relative to the height of what stands in a place, from a whole room to a chair: a thing is whole in
+tiles of one size, and large enough to be seen in another."""
+_THING_PERCENTILES = (2, 98)
+"""Percentiles of the heights between which things are."""
+_LOWEST = 0.01
+"""Smallest height of things, relative to the width of the ground that they stand on; it bounds the number of tiles."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +87,24 @@ def find_storey(scene: Gaussians, up: Float64Array) -> Storey:
     middle = (first + second) // 2
     upright = others[min(first, second) : middle].sum() >= others[middle : max(first, second)].sum()
     return Storey(floor, ceiling, *found, bool(upright))
+
+
+def tile_sides(storey: Storey, heights: Float64Array) -> tuple[float, ...]:
+    """Return the sides of the tiles of each size, in scene units; none of a place that one look from around shows.
+
+    Such a place has no ceiling, and a floor or ground no wider than the largest tile, or nothing that stands on it.
+
+    Args:
+        storey: where floor and ceiling are.
+        heights: of all N Gaussians, (N,).
+    """
+    shown, width = heights[heights < storey.head_height], float(np.sqrt(storey.area))
+    if not len(shown):
+        return ()
+    low, high = np.percentile(shown, _THING_PERCENTILES)
+    sides = tuple(share * (float(high) - storey.floor) for share in TILE_SIDES)
+    is_wide = TILE_SIDES[0] * (high - low) < width < (high - low) / _LOWEST
+    return sides if storey.is_room or is_wide else ()
 
 
 def sampled(scene: Gaussians) -> Gaussians:

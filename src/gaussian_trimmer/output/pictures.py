@@ -58,6 +58,8 @@ _GAP_PIXELS = 4
 _GRID_STEPS, _GRID_LINES = (20, 25, 50, 100, 200, 250, 500, 1000), 12
 """Distances of the lines of a grid in pixels, and their number along the longer side, about."""
 _GRID_COLOUR: Colour = (255, 255, 255)
+_AXIS_PIXELS = 40
+"""Length of an axis of the scene that lies in the picture's plane."""
 _NUMBER_SCALE = 0.4
 _USUAL_PITCH_DEGREES = 20.0
 """Of pictures of an object that no view has judged."""
@@ -108,7 +110,7 @@ def draw_before_after(result: TrimResult) -> Picture:
     blocks = [captioned(part.title, block) for part, block in zip(result.objects, blocks, strict=False)]
     columns = min(len(blocks), _OBJECTS_A_ROW)
     blocks += [np.full_like(blocks[0], _STRIP_COLOUR)] * (-len(blocks) % columns)
-    return np.vstack([_side_by_side(blocks[i : i + columns]) for i in range(0, len(blocks), columns)])
+    return np.vstack([side_by_side(blocks[i : i + columns]) for i in range(0, len(blocks), columns)])
 
 
 def _draw_object(result: TrimResult, part: TrimmedObject, columns: int, pitches: Sequence[float], size: int) -> Picture:
@@ -219,10 +221,11 @@ def _row(caption: str, gaussians: Gaussians, cameras: Sequence[Camera], verdicts
     for picture, verdict in zip(pictures, verdicts, strict=True):
         if verdict:
             _frame(picture)
-    return captioned(caption, _side_by_side(pictures))
+    return captioned(caption, side_by_side(pictures))
 
 
-def _side_by_side(pictures: Sequence[Picture]) -> Picture:
+def side_by_side(pictures: Sequence[Picture]) -> Picture:
+    """Return pictures of one height in a row."""
     gap = np.full((len(pictures[0]), _GAP_PIXELS, 3), _STRIP_COLOUR, np.uint8)
     return np.hstack([cell for picture in pictures for cell in (gap, picture)][1:])
 
@@ -279,8 +282,18 @@ def with_grid(picture: Picture) -> Picture:
     return drawn
 
 
-def draw_number(picture: Picture, number: int, place: tuple[int, int], scale: float = _NUMBER_SCALE) -> None:
-    """Write a number into a picture, to be read on any ground; `place` is its lower left corner, x and y."""
+def with_axes(picture: Picture, camera: Camera) -> Picture:
+    """A picture with the axes of the scene in its lower left corner, to tell which one points up."""
+    drawn, corner = picture.copy(), np.array([1.5 * _AXIS_PIXELS, len(picture) - 1.5 * _AXIS_PIXELS])
+    for name, axis, colour in zip("xyz", camera.rotation.T[:, :2], np.eye(3)[::-1] * 155 + 100, strict=True):
+        end = (corner + _AXIS_PIXELS * axis).round().astype(int).tolist()
+        cv2.arrowedLine(drawn, corner.round().astype(int).tolist(), end, colour.tolist(), 2, cv2.LINE_AA, tipLength=0.2)
+        draw_number(drawn, name, (end[0] + 3, end[1] + 4))
+    return drawn
+
+
+def draw_number(picture: Picture, number: int | str, place: tuple[int, int], scale: float = _NUMBER_SCALE) -> None:
+    """Write a number or a letter into a picture, to be read on any ground; `place`: its lower left corner, x and y."""
     for colour, thickness in (((0, 0, 0), 3), ((255, 255, 255), 1)):
         cv2.putText(picture, str(number), place, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, thickness, cv2.LINE_AA)
 

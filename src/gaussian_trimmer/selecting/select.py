@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera, CameraSet, Viewpoint, point_of, training_cameras
+from gaussian_trimmer.cameras import Camera, CameraSet, Viewpoint, check_facing, point_of, training_cameras
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, Gaussians, check_gaussians
 from gaussian_trimmer.geometry.limits import check_places
@@ -73,8 +73,9 @@ def resolve_views(
         camera_path: where the cameras came from, if known.
 
     Raises:
-        InputError: a view is not known.
+        InputError: a view is not known, or the cameras look away from the scene.
     """
+    check_facing(cameras, scene.means)
     found = find_up(scene, cameras, up)
     resolved = []
     for mark in marks:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -11,9 +11,11 @@ from gaussian_trimmer.cameras import Camera, Point, Viewpoint, intrinsics, look_
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds
 from gaussian_trimmer.geometry.limits import check_size
+from gaussian_trimmer.geometry.storey import TILE_SIDES, find_storey, sampled, tile_sides
 from gaussian_trimmer.settings import Range, Vector
 from gaussian_trimmer.views.camera_rings import NEAR_RADII, Lens, framing_distance, ring
-from gaussian_trimmer.views.standing import stands_in_rooms
+from gaussian_trimmer.views.standing import TRIED_GAUSSIANS, seen_shares, stands_in_rooms, thinned
+from gaussian_trimmer.views.view import HALF
 
 _MIDDLE_SHARE = 0.25
 """Share of the Gaussians nearest to the middle that the views frame."""
@@ -30,6 +32,10 @@ _SIZE_PIXELS, _FOV_RADIANS = 640, float(np.radians(60))
 """Width and height in pixels, and field of view."""
 _PITCH_DEGREES = 30.0
 _MIDDLE_FILL, _WHOLE_FILL = 0.6, 0.9
+_SQUARE_FILL, _MOST_SQUARES = 1.25, 100
+"""Width of a square of the ground in its view: corners are seen in the next one; how many are shown at most."""
+_TRIAL_SCALE, _FREE_SHARE = 0.15, 0.5
+"""Scale of pictures in which it is tried what shows; what is nearer than this share of the distance is in the way."""
 _TARGET_RADII = 3.0
 """Distance of the views around a given point, in radii of the part with most detail."""
 
@@ -60,6 +66,8 @@ class Overview:
 def plan_views(gaussians: Gaussians, up: Float64Array, config: OverviewConfig = OverviewConfig()) -> Overview:
     """Return views to click in: those of a person who looks around in rooms, elsewhere an overview from outside.
 
+    On ground much wider than things are high, the first views show a square of it each, the fullest first.
+
     Args:
         gaussians: of the capture.
         up: the scene's up vector, (3,).
@@ -71,7 +79,35 @@ def plan_views(gaussians: Gaussians, up: Float64Array, config: OverviewConfig = 
     for eye, target in stands_in_rooms(gaussians, up, 2 * config.ring):
         near = NEAR_RADII * float(np.linalg.norm(target - eye))
         views.append(Viewpoint(Camera(look_at(eye, target, up), lens, _SIZE_PIXELS, _SIZE_PIXELS, near=near)))
-    return Overview(views, range(0)) if views else plan_overview(gaussians, up, config)
+    if views:
+        return Overview(views, range(0))
+    squares, overview = _over_squares(gaussians, up, config), plan_overview(gaussians, up, config)
+    if not squares:
+        return overview
+    whole = overview.views[overview.whole.start :]
+    return Overview(squares + whole, range(len(squares), len(squares) + len(whole)))
+
+
+def _over_squares(gaussians: Gaussians, up: Float64Array, config: OverviewConfig) -> list[Viewpoint]:
+    """Return a view of each square of a ground that is much wider than things are high; none of another place."""
+    storey, axes = find_storey(sampled(gaussians), up), up_frame(up)
+    points = gaussians.means.astype(np.float64) @ axes.T
+    sides = tile_sides(storey, points[:, 2])
+    if not sides:
+        return []
+    side = sides[1]
+    squares, counts = np.unique(np.floor(points[:, :2] / side), axis=0, return_counts=True)
+    fullest = np.argsort(-counts, kind="stable")[:_MOST_SQUARES]
+    height, views = sides[0] / TILE_SIDES[0] / 2, list[Viewpoint]()
+    drawn = thinned(gaussians, np.arange(len(gaussians)), len(gaussians) // TRIED_GAUSSIANS)
+    for x, y in (squares[fullest] + 0.5) * side:
+        middle = np.array([x, y, storey.floor + height]) @ axes
+        bounds = Bounds(middle, axes, np.array([side / 2, side / 2, height]))
+        for camera in _framing_ring(bounds, replace(config, ring=1), _SQUARE_FILL):
+            distance = float(np.linalg.norm(camera.centre - middle))
+            if seen_shares(drawn, camera.resized(_TRIAL_SCALE), _FREE_SHARE * distance)[2] > HALF:
+                views.append(Viewpoint(camera))
+    return views
 
 
 def plan_overview(gaussians: Gaussians, up: Float64Array, config: OverviewConfig = OverviewConfig()) -> Overview:
