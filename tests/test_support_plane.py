@@ -8,7 +8,7 @@ from toy import BLUE, RED, WHITE, gaussians
 
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, attached_to_object, find_support_plane
+from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane, pieces_of_object
 from gaussian_trimmer.trimming.label_crf import LabelCrfConfig, correct_labels
 
 CONFIG = SupportPlaneConfig()
@@ -62,7 +62,16 @@ def support(thing, selection, box=None, seen=None, **config):
 
 def attached(thing, selection, gap=0.1, reach=0.1, **config):
     found, positions, settings = support(thing, selection), thing.scene.means, replace(CONFIG, **config)
-    return attached_to_object(positions, selection, weights(thing), found, gap, reach, settings)
+    return pieces_of_object(positions, selection, weights(thing), found, gap, reach, settings)[0]
+
+
+def test_a_piece_that_is_selected_as_a_whole_is_the_objects_own():
+    thing = desk()
+    block, left = thing.of(BLOCK) | thing.of(ARM), thing.scene.means[:, 0] < 0
+    for selection, own in ((block, True), (block & left, False)):
+        found = support(thing, selection)
+        whole = pieces_of_object(thing.scene.means, selection, weights(thing), found, 0.1, 0.1, CONFIG)[1]
+        np.testing.assert_array_equal(whole, own & selection & found.above)
 
 
 def with_ends(thing):

@@ -45,7 +45,7 @@ class SupportPlaneConfig:
     min_selected: Share = 0.1
     """Smallest selected share of a piece within the bounds of the selection of which more may be the object's."""
     min_within_bounds: Share = 0.97
-    """Smallest share of a piece within the bounds of the selection from which on it counts as lying within them."""
+    """Smallest share of a piece within the bounds of the selection, or selected, from which on all of it counts so."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ def find_support_plane(
     return SupportPlane(plane, config.thickness * bounds.radius, on_surface, above)
 
 
-def attached_to_object(
+def pieces_of_object(
     positions: FloatArray,
     labels: BoolArray,
     weights: Float64Array,
@@ -102,8 +102,8 @@ def attached_to_object(
     gap: float,
     reach: float,
     config: SupportPlaneConfig,
-) -> BoolArray:
-    """Return gaussians that are not labelled as object but belong to a piece that may be the object's, (N,).
+) -> tuple[BoolArray, BoolArray]:
+    """Return Gaussians of pieces that may be the object's though they are not labelled so, and that are its own, (N,).
 
     A piece is what lies above the plane and is connected by short steps. It may be the object's if some of it is
     labelled so and all of it lies within the bounds of what is labelled, so that the selection has every end of it: a
@@ -118,16 +118,17 @@ def attached_to_object(
         reach: how far a piece may lie outside the bounds of the selection, in object radii.
         config: what counts as a piece.
     """
-    attached = np.zeros(len(labels), np.bool_)
+    attached, own = (np.zeros(len(labels), np.bool_) for _ in range(2))
     rows = np.flatnonzero(plane.above)
     if len(rows) == 0:
-        return attached
+        return attached, own
     piece = connected_points(positions[rows].astype(np.float64), gap)
     near = _within_bounds(positions[rows], positions[labels], reach)
     selected, total = np.bincount(piece, weights[rows] * labels[rows]), np.bincount(piece, weights[rows])
     within = np.bincount(piece, weights[rows] * near) >= config.min_within_bounds * total
     attached[rows] = (within & (selected > config.min_selected * total))[piece] & ~labels[rows]
-    return attached
+    own[rows] = (selected >= config.min_within_bounds * total)[piece] & labels[rows]
+    return attached, own
 
 
 def _within_bounds(positions: FloatArray, selected: FloatArray, margin: float) -> BoolArray:

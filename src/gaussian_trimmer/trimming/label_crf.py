@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians, IntArray, logit, sigmoid
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.graphs import nearest
-from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, attached_to_object, find_support_plane
+from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane, pieces_of_object
 from gaussian_trimmer.settings import Range, Weight
 from gaussian_trimmer.views.view import MIN_SEEN_PIXELS
 
@@ -135,7 +135,7 @@ class _Crf:
         self.label_matches_majority = labels == majority
         # Large Gaussians are one piece though their centres lie farther apart than the kernel reaches.
         gap = max(config.position_sigma, float(np.sqrt(np.median(squared[labels, -1]))))
-        self.attached, self.in_plane, self.above = self._contradicted(gap, bounds)
+        self._find_pieces(gap, bounds)
         self.group = np.where(self.in_plane, _GROUPS - 1, 2 * labels + self.label_matches_majority)
 
     def infer(self, trust: Float64Array, believes_contradicted: bool) -> FloatArray:
@@ -182,32 +182,37 @@ class _Crf:
         kernel = np.exp(-0.5 * squared) * self.importance[neighbours]
         return np.asarray(kernel / (kernel.sum(axis=1, keepdims=True) + 1e-9), np.float32)
 
-    def _contradicted(self, gap: float, bounds: Bounds) -> tuple[BoolArray, BoolArray, BoolArray]:
-        """Return the labels that the support plane contradicts, and what is above the plane: three masks, (S,).
+    def _find_pieces(self, gap: float, bounds: Bounds) -> None:
+        """Tell by the support plane what is above it, and which labels it contradicts or confirms, (S,) each.
 
-        The first are of Gaussians that are not selected, in pieces above the plane that are partly selected, the second
-        of selected ones in the plane. Without a plane all are above it. `gap` is the largest step within a piece, in
-        object radii.
+        It contradicts those of Gaussians that are not selected, in pieces above it that are partly selected,
+        `attached`, and of selected ones in it, `in_plane`. A piece above it that is selected as a whole is the
+        object's `own`.
+
+        Args:
+            gap: largest step within a piece, in object radii.
+            bounds: the object's bounds.
         """
         config = self.config.support_plane
+        self.attached = self.in_plane = self.own = np.zeros(len(self.labels), np.bool_)
+        self.above = ~self.own
         plane = find_support_plane(self.positions, self.labels, self.weights, bounds, config)
-        if plane is None:
-            none = np.zeros(len(self.labels), np.bool_)
-            return none, none, ~none
-        reach = self.config.position_sigma
-        attached = attached_to_object(self.positions, self.labels, self.weights, plane, gap, reach, config)
-        return attached, plane.on_surface & self.labels, plane.above
+        if plane is not None:
+            self.above, self.in_plane = plane.above, plane.on_surface & self.labels
+            self.attached, self.own = pieces_of_object(
+                self.positions, self.labels, self.weights, plane, gap, self.config.position_sigma, config
+            )
 
     def _colour_ratio(self, object_share: NDArray[np.floating]) -> Float64Array:
         """Return the log-likelihood ratio of each Gaussian's colour, by the object's share of each Gaussian, (S,).
 
         The models are colour histograms of object and surroundings, weighted by visibility, each averaged with an even
         one so that colours that occur on one side only have a finite ratio. Fewer pixels than there are colours say
-        little: where nearly everything is selected, nobody knows what the surroundings look like. The colours of the
-        ground say nothing about what stands above it, such as a plinth of the same stone.
+        little: where nearly everything is selected, nobody knows what the surroundings look like. Nor do the
+        colours of the ground speak against what is selected as one piece above it, such as a plinth of the same stone.
         """
         rest = self.weights * (1 - object_share)
-        surroundings = np.where(self.above, self._model(rest, self.above), self._model(rest))
+        surroundings = np.where(self.own, self._model(rest, self.above), self._model(rest))
         return np.asarray(np.log(self._model(self.weights * object_share) / surroundings))
 
     def _model(self, weights: Float64Array, counted: BoolArray | bool = True) -> Float64Array:
