@@ -1,5 +1,6 @@
 """The surface that an object hid goes on: checks, a wall, its edge; no shadow stays; what is made up is marked."""
 
+import made_room
 import numpy as np
 import pytest
 import toy
@@ -91,6 +92,19 @@ def test_a_surface_that_is_hardly_seen_around_the_object_is_closed_and_goes_no_f
     assert len(filled) > 10
     assert np.linalg.norm(filled.means[:, :2], axis=1).max() < 0.9
     assert np.abs(filled.means[:, 2]).max() < 0.3
+
+
+def test_a_wall_does_not_go_on_over_the_doorway_beside_a_cupboard():
+    wall, floor = made_room.wall(), made_room.floor()
+    doorway = (np.abs(wall.means[:, 1] - 1) < 0.5) & (wall.means[:, 2] < 2)
+    cupboard = made_room.box((-2.7, -0.3), (0.5, 1.4, 1.9), made_room.RED)
+    hidden = (np.abs(wall.means[:, 1] + 0.3) < 0.6) & (wall.means[:, 2] < 1.8)
+    scene, part = made_room.scene_of(cupboard, floor, wall.select(~(doorway | hidden)))
+    result = trim(scene, part == 0, cameras=made_room.cameras())
+    x, y, z = result.background.means[result.background_label == RowLabel.FILLED].T
+    on_wall = np.abs(x + 3) < 0.1
+    assert np.count_nonzero(on_wall & (np.abs(y + 0.3) < 0.5)) > 100
+    assert np.count_nonzero(on_wall & (np.abs(y - 1.15) < 0.25) & (z < 1.8)) < 20
 
 
 def test_a_hole_in_what_is_not_flat_is_closed_between_what_is_seen():

@@ -85,9 +85,8 @@ def close_gaps(views: RemovalViews, background: Gaussians) -> Gaussians:
 
     def seen(scene: Gaussians) -> list[_Behind]:
         rests = parallel_map(lambda camera: render(scene, camera), views.observing)
-        return [_Behind(*sight) for sight in zip(views.observing, alone, rests, strict=True)]
+        return [_Behind(*sight) for sight in zip(views.observing, views.observed.alone, rests, strict=True)]
 
-    alone = list(parallel_map(lambda camera: render(target, camera), views.observing))
     sights = seen(background)
     if not any(parallel_map(lambda sight: _stays_open(sight, background, views), sights)):
         return new

@@ -131,8 +131,9 @@ def goes_on(views: RemovalViews, surface: Surface, others: Sequence[Surface]) ->
 
 
 def _from_before(views: RemovalViews, surfaces: Sequence[Surface]) -> list[Sight]:
-    """Return what views, steep ones too, show from before all surfaces."""
-    return [sight for sight in (*views.sights, *views.above.sights) if _is_before(sight.camera, surfaces)]
+    """Return what views, steep ones and those from where the object was seen too, show from before all surfaces."""
+    sights = (*views.sights, *views.above.sights, *views.observed.sights)
+    return [sight for sight in sights if _is_before(sight.camera, surfaces)]
 
 
 def _is_before(camera: Camera, surfaces: Sequence[Surface]) -> bool:
@@ -205,14 +206,16 @@ def _from_above(
 
 
 def _seen_through_the_object(empty: BoolArray, picture: SurfacePicture, views: RemovalViews) -> BoolArray:
-    """Return the connected parts of what is empty that come near to the object and do not reach the picture's edge.
+    """Return the connected parts of what is empty that lie mostly at the object and do not reach the picture's edge.
 
     What nobody photographed from behind is open there: one looks into it, and through the hole that it stands on.
     """
     _, parts = cv2.connectedComponents(empty.astype(np.uint8))
     at_edge = np.unique(np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]]))
-    near = np.unique(parts[_near_the_object(picture, views)])
-    return np.isin(parts, np.setdiff1d(near, at_edge)) & empty
+    mostly = np.bincount(parts[_near_the_object(picture, views)], minlength=parts.max() + 1) > HALF * np.bincount(
+        parts.ravel()
+    )
+    return np.isin(parts, np.setdiff1d(np.flatnonzero(mostly), at_edge)) & empty
 
 
 def _near_the_object(picture: SurfacePicture, views: RemovalViews) -> BoolArray:

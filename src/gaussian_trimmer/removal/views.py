@@ -93,7 +93,12 @@ class RemovalViews:
     @cached_property
     def above(self) -> RemovalViews:
         """The same in the steep views."""
-        return replace(self, cameras=self.cameras_above, cameras_above=())
+        return replace(self, cameras=self.cameras_above, cameras_above=(), observing=())
+
+    @cached_property
+    def observed(self) -> RemovalViews:
+        """The same in the views from where the object was seen."""
+        return replace(self, cameras=self.observing, cameras_above=(), observing=())
 
     @cached_property
     def alone(self) -> list[Rendering]:
