@@ -61,7 +61,7 @@ def differ(a, b):
 
 
 class Tab:
-    """One tab with the app."""
+    """One tab with the app. The page must not complain of anything."""
 
     def __init__(self, browser, app, width=1366, height=768):
         self.app = app
@@ -69,9 +69,8 @@ class Tab:
         self.page.set_default_timeout(1000 * PATIENCE)
         self.errors = []
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        known = set(app.server.get_clients())
+        self.page.on("console", lambda message: self.errors.append(message.text))
         self.page.goto(app.address)
-        (self.client,) = until(lambda: set(app.server.get_clients()) - known, "the page to connect")
 
     def wait(self, text):
         """Until the page shows a text."""
@@ -115,15 +114,13 @@ class Tab:
 
     def place(self, point):
         """Pixels of the page at which a point of the scene shows."""
+        shown = self.app.controller.jobs.view.frame.to_viewer(np.array(point, np.float64))
+        where = self.evaluate(f"canvas.project({shown.tolist()})")
+        return where["x"], where["y"]
 
-        def looked():  # the program hears of another size of the picture a moment later
-            camera = self.app.controller.jobs.view.viewpoint(self.app.server.get_clients()[self.client]).camera
-            box = self.page.locator("canvas").first.bounding_box()
-            return (camera, box) if abs(box["width"] - camera.width) < 2 else None
-
-        camera, box = until(looked, "the program to know how large the picture is")
-        x, y = camera.project(np.array(point, np.float64)[None])[0][0]
-        return box["x"] + float(x), box["y"] + float(y)
+    def evaluate(self, what):
+        """What something of the page's own is."""
+        return self.page.evaluate(f"gaussianTrimmer.{what}")
 
     def colour(self, point, half=3):
         """Mean colour of the page around a point of the scene, (3,), 0 to 255."""

@@ -1,6 +1,8 @@
 """Tests of controls, tools and files with a running server, to which no browser is connected."""
 
+import hashlib
 import io
+import json
 import threading
 import zipfile
 from contextlib import contextmanager
@@ -15,16 +17,15 @@ from toy import BALL, FLOOR
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits
-from gaussian_trimmer.app import page as controls
-from gaussian_trimmer.app.display import shown_rows
+from gaussian_trimmer.app import panels as controls
+from gaussian_trimmer.app.display import FILL, REPLACED, shown_rows
 from gaussian_trimmer.app.files import ALL_FILES, DOWNLOADS, OBJECT
 from gaussian_trimmer.app.page import Gesture
-from gaussian_trimmer.app.viewpoints import Event, Showing, doubts
-from gaussian_trimmer.cameras import look_at
-from gaussian_trimmer.gaussians import quaternions_of
+from gaussian_trimmer.app.viewpoints import Event, Showing, View, doubts
+from gaussian_trimmer.cameras import point_of
 from gaussian_trimmer.selecting.marks import Box3D, Sphere
 
-pytest.importorskip("viser", reason="needs viser: the app extra")
+pytest.importorskip("starlette", reason="needs the app extra")
 TINY = Sphere((2.5, 2.5, 0.0), 0.3)
 """Beside the ball."""
 
@@ -75,21 +76,15 @@ def mark(app, *marks, event=Event.MARKED):
 
 def tab(app, eye=(0.0, -8.0, 4.0)):
     """A tab that looks at the ball, and what was sent to it."""
-    pose = look_at(np.array(eye), toy.CENTRE, toy.UP)
-    turn = quaternions_of(pose[:3, :3].T[None])[0]
-    position, sent = app.jobs.view.frame.to_viewer(np.array(eye)), {}
-    camera = SimpleNamespace(position=position, wxyz=turn, fov=0.8, image_width=200, image_height=200, near=0.01)
-    return SimpleNamespace(
-        camera=camera,
-        add_notification=lambda *arguments, **options: None,
-        send_file_download=lambda name, data, save_immediately: sent.update({name: data}),
-        sent=sent,
-    )
+    frame, sent = app.jobs.view.frame, {}
+    eye, target = (point_of(frame.to_viewer(np.array(point))) for point in (eye, toy.CENTRE))
+    view = View(eye, target, point_of(toy.UP), 0.8, 200, 200)
+    return SimpleNamespace(view=view, send=lambda message: None, send_file=sent.__setitem__, sent=sent)
 
 
-def gesture(app, tool, *places, effect=None):
+def gesture(app, tool, *places, effect=None, **more):
     app.panels.tool.value = tool
-    app.tools.heard(Gesture(tool, places, effect), tab(app))
+    app.tools.heard(Gesture(tool, places, effect, **more), tab(app))
     finish(app)
 
 
@@ -248,34 +243,6 @@ def test_a_trim_that_follows_is_given_up_when_the_user_cancels_and_not_when_it_g
     assert app.session.now.object.stale and not app.jobs.due
 
 
-def test_the_ghost_stops_no_trim_that_follows(app):
-    mark(app, BALL)
-    act(app.cut_out)
-    with told(app, lambda stages: app.show_ghost(None, on=len(stages) % 2 == 1)) as stages:
-        gesture(app, controls.BRUSH, (0.5, 0.45), effect="remove")
-    finish(app)
-    assert app.session.now.object.fresh is not None
-    assert stages.count("Cutting out again: plan") == 1
-    act(app.show_ghost, None, on=False)
-
-
-def test_two_states_are_compared_while_a_key_is_held(app):
-    panels, presenter, view = app.panels, app.jobs.presenter, tab(app)
-    mark(app, BALL)
-    act(app.compare, view, on=True)
-    assert "nothing to compare" in panels.status_text
-    act(app.cut_out)
-    shown, drawn = panels.showing, presenter._shown["splats"]
-    act(app.compare, view, on=True)
-    assert presenter._shown["splats"][1] == Showing("Object", "Selection", "Own")
-    assert panels.showing == shown  # which marks and results go by
-    act(app.compare, view, on=False)
-    assert presenter._shown["splats"] == drawn
-    act(app.compare, view, on=True)
-    do(app, "Undo")  # whatever else is done ends it
-    assert presenter._shown["splats"][1] == panels.showing
-
-
 def test_the_box_in_space_is_around_the_selection_and_a_dragged_face_moves_alone(app):
     session, view, up = app.session, app.jobs.view, app.session.now.up.direction
 
@@ -291,28 +258,28 @@ def test_the_box_in_space_is_around_the_selection_and_a_dragged_face_moves_alone
     selected, before = session.now.object.selected.mask, chosen()
     session.do(edits.mark, before, TINY)
     assert (session.now.object.selected.mask & selected).sum() == selected.sum()  # it cuts nothing off
-    for number, axis, end in ((0, 0, "low"), (5, 2, "high")):
-        face, sign = np.array(getattr(before, end)), 1 if end == "high" else -1
-        view._box.drag_face(number, view._upright(up).to_viewer(face + sign * 0.5 * np.eye(3)[axis]))
-        after = view.box_mark(up, "add")
+    step = app.jobs.view.frame.scale * 0.5
+    for axis, end in ((0, "low"), (2, "high")):
+        sign, drag = 1 if end == "high" else -1, view._box
+        place = np.array(getattr(drag, end)) + sign * step * np.eye(3)[axis]
+        app.jobs.page.dragged_box(replace(drag, **{end: point_of(place)}))
+        after, other = view.box_mark(up, "add"), "low" if end == "high" else "high"
         moved = np.array(getattr(after, end)) - getattr(before, end)
         assert np.allclose(moved, sign * 0.5 * np.eye(3)[axis], atol=1e-5)
-        other = "low" if end == "high" else "high"
         assert np.allclose(getattr(after, other), getattr(before, other), atol=1e-5)
         before = after
-    view._box.drag_face(5, view._upright(up).to_viewer(np.array(before.low) - (0, 0, 3)))  # past the other face
-    flat = view.box_mark(up, "add")
-    assert before.low[2] == pytest.approx(flat.low[2], abs=1e-5) and flat.high[2] > flat.low[2]
+    app.jobs.page.dragged_box(replace(view._box, high=view._box.low))  # a face at the other one is no box
+    assert view.box_mark(up, "add") == before
 
 
 def test_up_turns_the_view(app):
-    camera = app.jobs.server.initial_camera
-    assert np.allclose(camera.up, (0, 0, 1))
+    shown = app.jobs.page._shown
+    assert np.allclose(shown["upwards"], (0, 0, 1))
     app.panels.up.value = "-Y"
     act(app._set_up, None)
-    assert np.allclose(camera.up, (0, -1, 0))
+    assert np.allclose(shown["upwards"], (0, -1, 0))
     do(app, "Undo")
-    assert np.allclose(camera.up, (0, 0, 1))
+    assert np.allclose(shown["upwards"], (0, 0, 1))
 
 
 def test_home_and_f_without_a_selection_look_as_at_first_and_what_is_cut_out_is_framed(app, looked):
@@ -380,6 +347,35 @@ def test_the_tolerance_dragged_after_a_click_makes_it_again_by_colour(running, w
     assert session.now is before  # there is no click to make again
 
 
+def test_rows_that_the_page_has_found_are_marked_where_centres_count(app):
+    view, scene = app.jobs.view, app.session.document.scene
+    inside = np.linalg.norm(scene.means - toy.CENTRE, axis=1) < 0.9
+    bits = np.packbits(inside[view.painter.packing.order], bitorder="little").tobytes()
+    app.panels.taking.value = controls.CENTRES
+    gesture(app, controls.LASSO, *EVERYWHERE, rows=bits)
+    assert np.array_equal(app.session.now.object.selected.mask, inside)
+    before = app.session.now
+    gesture(app, controls.LASSO, *EVERYWHERE, rows=bits[:-1])
+    assert app.session.now is before and "another scene" in app.panels.status_text
+    app.panels.taking.value = controls.FOOTPRINT
+    gesture(app, controls.LASSO, *EVERYWHERE, rows=bits)  # what shows is decided here
+    assert app.session.now.object.n_selected > inside.sum()
+
+
+def test_what_is_deleted_is_taken_out_of_the_scene_and_comes_back(app):
+    mark(app, BALL)
+    before = app.session.now
+    do(app, "Take it out of the scene")
+    now = app.session.now
+    assert now.object.fresh is not None and now.object.hidden and now.object.marks == (BALL,)
+    assert app.panels.showing == Showing("Everything", "Cut-out", "Own")
+    gone = now.object.mask
+    gone[now.object.fresh.discarded] = True
+    assert not (shown_rows(now, app.panels.showing) & gone).any()
+    do(app, "Undo")
+    assert app.session.now is before
+
+
 def test_in_the_mode_replace_a_mark_without_a_key_begins_anew(app):
     mark(app, FLOOR)
     app.panels.effect.value = controls.ANEW
@@ -397,25 +393,21 @@ def test_the_rest_is_a_ghost_that_can_be_marked_while_a_key_is_held(app):
     before = app.session.now.object
     gesture(app, controls.LASSO, *EVERYWHERE, effect="add")
     assert app.session.now.object is before  # what is not shown is not reached
-    act(app.show_ghost, None, on=True)
-    splats = app.jobs.presenter.painter().paint(app.session.now, app.panels.showing)
-    faint = splats.opacities[:, 0] < 0.2
-    assert 0 < faint.sum() < len(splats) and np.allclose(splats.colours[faint], 0.5)
-    gesture(app, controls.LASSO, *EVERYWHERE, effect="add")
+    gesture(app, controls.LASSO, *EVERYWHERE, effect="add", ghost=True)
     assert app.session.now.object.n_selected > before.n_selected
-    act(app.show_ghost, None, on=False)
-    assert not app.panels.showing.ghost
 
 
-def test_a_click_on_another_objects_thing_goes_on_with_that_object(app):
+def test_a_click_on_another_objects_thing_goes_on_with_that_object_unless_it_is_the_first(app):
     mark(app, BALL)
     do(app, "New object")
+    mark(app, TINY)
     before = app.session.now
     gesture(app, controls.CLICK, (0.5, 0.5))
     assert app.session.now.object.id == 1 and app.session.now.objects == before.objects
-    act(app.change_object, 2, "active", True)
-    gesture(app, controls.CLICK, (0.5, 0.5), effect="add")  # it is meant
-    assert app.session.now.object.id == 2 and app.session.now.object.n_selected
+    do(app, "New object")
+    gesture(app, controls.CLICK, (0.5, 0.5))  # it is meant
+    first, _, third = (part.selected.mask for part in app.session.now.objects)
+    assert app.session.now.object.id == 3 and third.any() and not (first & third).any()
 
 
 def test_marks_reach_nothing_that_is_not_shown(app):
@@ -451,30 +443,37 @@ def test_objects_are_named_coloured_hidden_locked_chosen_and_deleted_by_their_nu
     assert [part.name for part in app.session.now.objects] == ["object 2"] and "object 1" in app.panels.status_text
 
 
+def receive(app, name, data, view):
+    """Have the app take a file that came from the browser."""
+    part = app._files._state / "part"
+    part.write_bytes(data)
+    act(app.receive, app._files.store(name, part, hashlib.sha256(data).hexdigest()), view)
+
+
 def test_files_from_the_browser_are_taken_for_what_they_are(app, ball, tmp_path):
     session, view, folder = app.session, tab(app), ball[0]
     mask = np.linalg.norm(session.document.scene.means - toy.CENTRE, axis=1) < 1.2
     np.save(tmp_path / "ball.npy", mask)
-    act(app.receive, "../ball.npy", (tmp_path / "ball.npy").read_bytes(), view)
+    receive(app, "../ball.npy", (tmp_path / "ball.npy").read_bytes(), view)
     assert np.array_equal(session.now.object.selected.mask, mask)
     app.jobs.do("Saving", lambda: app._files.download_project(view))
     do(app, "Clear")
-    act(app.receive, *next(iter(view.sent.items())), view)
+    receive(app, *next(iter(view.sent.items())), view)
     assert np.array_equal(session.now.object.selected.mask, mask)
-    act(app.receive, "cameras.json", (folder / "cameras.json").read_bytes(), view)
+    receive(app, "cameras.json", (folder / "cameras.json").read_bytes(), view)
     assert "has these cameras now" in app.panels.status_text
     part = session.document.scene.select(np.flatnonzero(mask)[::2])
     formats.write(part, tmp_path / "part.ply")
-    act(app.receive, "part.ply", (tmp_path / "part.ply").read_bytes(), view)
+    receive(app, "part.ply", (tmp_path / "part.ply").read_bytes(), view)
     assert session.now.object.n_selected == len(part)  # it is of the open scene
     do(app, "Undo")
     formats.write(toy.ball_on_floor(floor_side=20)[0], tmp_path / "else.ply")
     for name, data in (("else.ply", tmp_path / "else.ply"), ("other.ply", folder / "scene.ply")):
-        act(app.receive, name, data.read_bytes(), view)
+        receive(app, name, data.read_bytes(), view)
         finish(app)
         assert session.document.path.name == name
     assert np.array_equal(session.now.object.selected.mask, mask)  # the work on what the scene holds, wherever it lies
-    act(app.receive, "nonsense.npy", b"nothing", view)
+    receive(app, "nonsense.npy", b"nothing", view)
     assert "nonsense.npy" in app.panels.status_text
 
 
@@ -509,6 +508,33 @@ def test_results_are_downloaded_and_saved(app, tmp_path):
     panels.folder.value = str(tmp_path / "all")
     act(app.save, together=True)
     assert (tmp_path / "all" / "object_my_ball.ply").is_file() and not panels.command.value
+
+
+def test_what_was_saved_together_is_what_is_seen(app, tmp_path):
+    session, panels = app.session, app.panels
+    mark(app, BALL)
+    do(app, "New object")
+    mark(app, TINY)
+    act(app.change_object, 1, "hidden", True)
+    before = session.now
+    panels.folder.value = str(tmp_path / "all")
+    act(app.save, together=True)
+    assert "1 of them is hidden" in panels.status_text and all(part.fresh for part in session.now.objects)
+    states = app.jobs.view.painter.states(session.now)
+    layers = app.jobs.view.painter.layers(session.now, states)
+    fills = sum(np.count_nonzero(layer.states[:, 2] & FILL) for layer in layers)
+    whole = shown_rows(session.now, Showing("Scene without it", "Cut-out")) & (states[:, 2] & REPLACED == 0)
+    saved = formats.read(tmp_path / "all" / "background.ply")
+    assert len(saved) == whole.sum() + fills and np.array_equal(
+        saved.means[: whole.sum()], session.document.scene.means[whole]
+    )
+    panels.folder.value = str(tmp_path / "one")
+    act(app.save)
+    report = json.loads((tmp_path / "one" / "report.json").read_text())
+    assert [each["name"] for each in report["objects"]] == ["object"] and "command" in report
+    assert session.now.object.together  # what is seen stays
+    do(app, "Undo")
+    assert session.now is before
 
 
 @pytest.fixture(scope="module")

@@ -1,22 +1,34 @@
 """Tests of what the app shows: which Gaussians, in which colours, from where; and of marks on what is shown."""
 
+import json
+import zlib
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import toy
 
-from gaussian_trimmer.app import edits
-from gaussian_trimmer.app.display import Painter, changed_rows, shown_rows, thinned
+from gaussian_trimmer.app import display, edits
+from gaussian_trimmer.app.display import Packing, Painter, changed_rows, changes_as_bytes, shown_rows
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import Document, Snapshot, TrimChoices
-from gaussian_trimmer.app.viewpoints import Frame, Showing, before_what_shows, points_at, viewpoint_of
-from gaussian_trimmer.cameras import look_at
+from gaussian_trimmer.app.viewpoints import (
+    COLOURINGS,
+    PARTS,
+    WHENS,
+    Frame,
+    Showing,
+    View,
+    before_what_shows,
+    points_at,
+    viewpoint_of,
+)
+from gaussian_trimmer.cameras import look_at, point_of
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import write
-from gaussian_trimmer.gaussians import quaternions_of
+from gaussian_trimmer.gaussians import SH_C0, concatenate
 from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Sphere
 from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.trimming.config import SplitConfig, TrimConfig
@@ -48,38 +60,58 @@ def first(session):
     session.do(edits.activate, 2, joined=True)
 
 
-@pytest.fixture
-def painter(session):
-    return Painter(session.document.scene, 10**6)
+def seen(now, showing):
+    """Which Gaussians of the scene and of the layers the page draws, and in which tint, as its shader decides it."""
+    painter = Painter(now.document.scene)
+    states = painter.states(now)
+    layers = painter.layers(now, states)
+    states = np.concatenate([states, *(layer.states for layer in layers)])
+    before, after, bits = states.T.astype(int)
+    cut_out, active = showing.when == "Cut-out", now.active + 1
+    owner, extra = (after if cut_out else before), bits & display.EXTRA > 0
+    visible = np.array([True, *(not part.hidden for part in now.objects)])[owner]
+    gone, replaced = (cut_out & (bits & bit > 0) for bit in (display.GONE, display.REPLACED))
+    if showing.part == "Object" and not showing.ghost:
+        removed = (bits & display.ACTIVE_REMOVED > 0) & (showing.colours == "Changes")
+        own, piece = ((owner == active) | removed) & ~replaced, owner == active
+    else:
+        own = visible & ~gone & ~replaced & ~((showing.part == "Scene without it") & (owner > 0))
+        piece = visible & (showing.part == "Everything")
+    pieces, fills = (bits & display.PIECE > 0) & piece, (bits & display.FILL > 0) & (showing.part != "Object")
+    shown = np.where(extra, cut_out & (pieces | fills), own)
+    gaussians = concatenate([now.document.scene, *(layer.gaussians for layer in layers)])
+    return shown, gaussians, owner, bits
 
 
-def tinted(splats, plain):
-    return np.abs(splats.colours - plain.colours).max(axis=1) > 0.01
+def test_before_the_objects_have_their_numbers_and_nothing_else(session):
+    now = session.now
+    shown, _, owner, _ = seen(now, Showing())
+    n = len(session.document.scene)
+    assert shown[:n].all() and not shown[n:].any()
+    for place, part in enumerate(now.objects):
+        assert np.array_equal(owner[:n] == place + 1, part.selected.mask)
 
 
-def test_before_the_objects_have_their_colours_and_nothing_else(session, painter):
-    now, plain = session.now, painter.paint(session.now, Showing(colours="Own"))
-    shown = painter.paint(now, Showing())
-    assert len(shown) == len(session.document.scene)
-    owner = np.any([part.selected.mask for part in now.objects], axis=0)
-    assert np.array_equal(tinted(shown, plain), owner)
-    first, second = (shown.colours[part.selected.mask].mean(axis=0) for part in now.objects)
-    assert np.abs(first - second).max() > 0.2
-
-
-def test_parts_are_the_object_and_the_rest(session, painter):
-    now, scene = session.now, session.document.scene
+@pytest.mark.parametrize("hidden", [False, True])
+def test_what_the_page_draws_is_what_marks_go_by_and_what_files_hold(session, hidden):
+    session.do(edits.describe, 1, "hidden", hidden)
+    now, scene, n = session.now, session.document.scene, len(session.document.scene)
     result = now.objects[0].fresh
+    for part, when, colours in product(PARTS, WHENS, COLOURINGS):
+        for ghost in (False, True)[: 1 + (part == "Object")]:
+            showing = Showing(part, when, colours, ghost)
+            shown, _, _, bits = seen(now, showing)
+            replaced = (bits[:n] & display.REPLACED > 0) & (when == "Cut-out")
+            assert np.array_equal(shown[:n], shown_rows(now, showing) & ~replaced), showing
     for when, rest in (("Selection", now.objects[0].selected.mask), ("Cut-out", result.object_mask)):
-        object_ = painter.paint(now, Showing("Object", when))
-        background = painter.paint(now, Showing("Scene without it", when))
-        both = painter.paint(now, Showing("Everything", when))
-        assert len(object_) == now.object.n_selected  # the second object has not been trimmed
+        assert seen(now, Showing("Object", when))[0].sum() == now.object.n_selected  # the second one is not trimmed
         gone = len(result.discarded) - result.count(RowLabel.FILLED) if when == "Cut-out" else 0
+        background = seen(now, Showing("Scene without it", when))[0].sum()
+        assert background == (~(rest | now.object.selected.mask)).sum() - gone  # filled, also where it is hidden
         more = len(result.object) - result.object_mask.sum() if when == "Cut-out" else 0  # the fit has cut some in two
-        assert len(background) == (~(rest | now.object.selected.mask)).sum() - gone
-        assert len(both) == len(scene) - gone + more
-    assert rest.sum() < now.objects[0].n_selected
+        if not hidden:
+            assert seen(now, Showing("Everything", when))[0].sum() == len(scene) - gone + more
+    session.undo()
 
 
 def large_ball():
@@ -97,76 +129,103 @@ def test_split_parts_and_filled_gaussians_are_shown():
     first = Snapshot.first(document, document.find_up((0.0, 0.0, 1.0)))
     selected = Selection(truth, np.zeros_like(truth))
     now = first.with_object(replace(first.object, selected=selected, result=result), "cut out")
-    object_, background, both = (
-        Painter(scene, 10**6).paint(now, Showing(part, "Cut-out"))
-        for part in ("Object", "Scene without it", "Everything")
-    )
-    assert (len(object_), len(background)) == (len(result.object), len(result.background))
-    assert len(both) == len(object_) + len(background)
-    centres = Painter(scene, 10**6).frame.to_scene(object_.centres.astype(np.float64))
-    assert np.allclose(np.sort(centres, axis=0), np.sort(result.object.means, axis=0), atol=1e-5)
+    drawn = {}
+    for part, expected in (("Object", result.object), ("Scene without it", result.background)):
+        shown, gaussians, _, _ = seen(now, Showing(part, "Cut-out"))
+        drawn[part] = shown.sum()
+        assert np.allclose(np.sort(gaussians.means[shown], axis=0), np.sort(expected.means, axis=0))
+    assert seen(now, Showing("Everything", "Cut-out"))[0].sum() == sum(drawn.values())
 
 
-def test_large_scenes_are_thinned_for_display_only(session):
-    n = len(session.document.scene)
-    few = Painter(session.document.scene, n // 4)
-    shown = few.paint(session.now, Showing(colours="Own"))
-    whole = Painter(session.document.scene, n).paint(session.now, Showing(colours="Own"))
-    assert len(shown) == pytest.approx(n / 4, rel=0.1)
-    assert np.trace(shown.covariances, axis1=1, axis2=2).mean() > 3 * np.trace(
-        whole.covariances, axis1=1, axis2=2
-    ).mean()  # fmt: skip
-    object_ = few.paint(session.now, Showing("Object"))
-    assert len(object_) == min(session.now.object.n_selected, n // 4)  # the object keeps all that there is room for
-
-
-def test_what_is_near_the_eye_is_shown_in_full(session, painter):
-    scene = session.document.scene
-    eye = browser(painter.frame, eye=(0.0, -1.6, 1.0)).camera  # before the ball
-    rows, growth = thinned(scene.means, np.ones(len(scene), np.bool_), len(scene) // 3, eye)
-    assert len(rows) == pytest.approx(len(scene) / 3, rel=0.15)
-    pixels, depths = eye.project(scene.means.astype(np.float64))
-    near = (depths > 0) & (depths < 1.0) & ((pixels >= 0) & (pixels < (eye.width, eye.height))).all(axis=1)
-    kept = np.isin(np.arange(len(scene)), rows)
-    assert kept[near].mean() > 0.9 > 2 * kept[~near].mean()
-    assert (growth[near[rows]] < 1.5).all()
-    assert growth.sum() == pytest.approx(len(scene), rel=0.3)  # areas are covered as before
-    again, _ = thinned(scene.means, np.ones(len(scene), np.bool_), len(scene) // 3, eye)
-    assert np.array_equal(rows, again)
-
-
-def test_colours_are_those_that_the_eye_sees(session):
-    scene = session.document.scene
-    rest = np.zeros((len(scene), 3, 3), np.float32)
-    rest[:, 0, 2] = -0.5  # redder towards one side of x
-    painter = Painter(scene.replace(sh_rest=rest), 10**6)
-    assert painter.depends_on_eye and not Painter(scene, 10**6).depends_on_eye
-    now = session.now
-    left, right = (
-        painter.paint(now, Showing(colours="Own"), browser(painter.frame, eye=(x, 0.1, 1.0)).camera)
-        .colours[:, 0]
-        .mean()
-        for x in (-9.0, 9.0)
-    )
-    assert abs(left - right) > 0.1
-
-
-def test_changes_have_their_colours(first, painter):
+def test_changes_are_told(first):
     now = first.now
-    result = now.object.fresh
-    added, removed, cut, relit = changed_rows(now.object)
+    result, n = now.object.fresh, len(first.document.scene)
+    added, removed, cut, _ = changed_rows(now.object)
     assert np.array_equal(removed, result.selection & ~result.object_mask) and removed.any()
-    shown = painter.paint(now, Showing("Object", "Cut-out", "Changes"))
-    plain = painter.paint(now, Showing("Object", "Cut-out", "Own"))
-    assert len(shown) == len(plain) + (removed & ~cut).sum()  # what was removed is seen, too
-    red = shown.colours[removed[np.maximum(shown.rows, 0)]]
-    assert (red[:, 0] > red[:, 2] + 0.2).all()
-    without = painter.paint(now, Showing("Scene without it", "Cut-out", "Changes"))
-    made_up = without.colours[without.rows == -1]
-    assert len(made_up) == result.count(RowLabel.FILLED)
-    assert (made_up[:, 2] < made_up[:, 0]).all()  # yellow
+    shown, _, _, bits = seen(now, Showing("Object", "Cut-out", "Changes"))
+    plain = seen(now, Showing("Object", "Cut-out", "Own"))[0]
+    assert shown.sum() == plain.sum() + (removed & ~cut).sum()  # what was removed is seen, too
+    changes = zip(*map(changed_rows, now.objects), strict=True)
+    for bit, rows in zip((display.ADDED, display.REMOVED, display.CUT, display.MADE_UP), changes, strict=True):
+        assert np.array_equal(bits[:n] & bit > 0, np.any(rows, axis=0))
+    without = seen(now, Showing("Scene without it", "Cut-out", "Changes"))[0]
+    assert (without & (bits & display.EXTRA > 0) & (bits & display.MADE_UP > 0)).sum() == (
+        result.count(RowLabel.FILLED) + result.count(RowLabel.RELIT)
+    )
     assert not added.any() or (added & result.object_mask).any()
-    assert relit.sum() == result.count(RowLabel.RELIT)
+
+
+def unpacked(data, packing):
+    """Means, standard deviations, colours, opacities and rotations that packed Gaussians stand for."""
+    words = np.frombuffer(data, np.uint32).reshape(-1, 8)
+
+    def parts(column, bits, count):
+        return (words[:, column, None] >> (bits * np.arange(count)).astype(np.uint32)) & ((1 << bits) - 1)
+
+    means = packing.frame.to_scene(words[:, :3].copy().view(np.float32))
+    scales = np.exp(parts(3, 10, 3) / 1023 * 20 - 14) / packing.frame.scale
+    low, high = packing.tones
+    rgba = parts(4, 8, 4) / 255
+    small = (parts(5, 10, 3) / 511 - 1) / np.sqrt(2)
+    rest = np.sqrt(1 - (small**2).sum(axis=1))
+    turns = np.array([np.insert(row, k, w) for row, k, w in zip(small, words[:, 5] >> 30, rest, strict=True)])
+    ninth = parts(6, 4, 8)[:, 7:] | (parts(7, 4, 8)[:, 7:] << 4)
+    harmonics = np.concatenate([parts(6, 7, 4), parts(7, 7, 4), ninth], axis=1)
+    return means, scales, rgba[:, :3] * (high - low) + low, rgba[:, 3], turns, (harmonics / 63 - 1) * packing.harmonics
+
+
+def test_a_scene_is_packed_once_the_coarse_one_first_and_nothing_is_lost():
+    scene, _ = toy.ball_on_floor()
+    random = np.random.default_rng(0)
+    rest = random.normal(0, 0.1, (len(scene), 3, 8)).astype(np.float32)
+    scene = scene.replace(sh_rest=rest, quaternions=random.normal(0, 1, (len(scene), 4)).astype(np.float32))
+    packing = Packing.of(scene)
+    portions = list(packing.portions(scene, len(scene)))
+    assert len(portions) == 16 and sum(map(len, portions)) == 32 * len(scene)
+    assert sorted(packing.order) == list(range(len(scene)))
+    coarse = scene.select(packing.order[::16])
+    means, scales, colours, opacities, turns, harmonics = unpacked(portions[0], packing)
+    assert np.allclose(means, coarse.means, atol=1e-5) and np.allclose(scales, coarse.scales, rtol=0.02)
+    assert np.allclose(colours, 0.5 + SH_C0 * coarse.sh_dc, atol=0.004)
+    assert np.allclose(opacities, coarse.opacities, atol=0.003)
+    same = np.abs((turns * coarse.quaternions).sum(axis=1)) / np.linalg.norm(coarse.quaternions, axis=1)
+    assert same.min() > 0.99999
+    largest = np.clip(coarse.sh_rest[:, :, :3].reshape(-1, 9), -packing.harmonics, packing.harmonics)
+    assert np.allclose(harmonics, largest, atol=packing.harmonics / 100)
+    spread = np.linalg.norm(np.diff(scene.means[packing.order], axis=0), axis=1)
+    assert np.median(spread) < 0.2 * np.median(np.linalg.norm(np.diff(random.permutation(scene.means), axis=0), axis=1))
+    assert packing.shown(len(scene) // 4) == pytest.approx(len(scene) / 4, rel=0.02)
+    assert sum(map(len, packing.portions(scene, len(scene) // 4))) == 32 * packing.shown(len(scene) // 4)
+    one = scene.select(np.arange(1))
+    assert Packing.of(one).shown(1000) == 1 and list(Packing.of(one).portions(one, 1000))
+
+
+def test_only_what_changes_is_told(session):
+    painter, now = Painter(session.document.scene), session.now
+    order, before = painter.packing.order, painter.states(now)
+    session.do(edits.mark, Sphere((-2.5, 2.5, 0.0), 0.5))
+    after = painter.states(session.now)
+    session.undo()
+
+    def told(*arguments):
+        head, _, data = changes_as_bytes(*arguments, order).partition(b"\n")
+        head, parts = json.loads(head), []
+        for length in head["bytes"]:
+            parts.append(np.frombuffer(zlib.decompress(data[:length]), np.uint8))
+            data = data[length:]
+        assert not data
+        changed = np.unpackbits(parts[0], bitorder="little", count=len(order)).astype(bool)
+        return head, order[changed], parts[1].reshape(3, -1).T, parts[2].reshape(3, -1).T
+
+    head, rows, values, extras = told(before, after, [])
+    assert set(rows) == set(np.flatnonzero((before != after).any(axis=1))) and not head["whole"] and not len(extras)
+    assert np.array_equal(values, after[rows])
+    layers = painter.layers(now, before)
+    head, rows, values, extras = told(None, before, layers)
+    assert head["whole"] and set(rows) == set(np.flatnonzero(before.any(axis=1)))
+    assert np.array_equal(extras, layers[0].states) and head["layers"] == [[layers[0].number, len(extras)]]
+    assert painter.layers(now, before)[0].number == layers[0].number  # the same result is drawn once
+    assert len(changes_as_bytes(before, before, [], order)) < 200
 
 
 def test_after_further_marks_the_cut_out_is_seen_with_them_and_changes_are_theirs(first):
@@ -195,12 +254,8 @@ def test_the_frame_makes_any_scene_a_few_units_large():
 
 
 def browser(frame, eye=(0.0, -8.0, 4.0), width=200, height=100):
-    pose = look_at(np.array(eye), toy.CENTRE, toy.UP)
-    turn = quaternions_of(pose[:3, :3].T[None])[0]
-    camera = SimpleNamespace(
-        position=frame.to_viewer(np.array(eye)), wxyz=turn, fov=0.8, image_width=width, image_height=height, near=0.01
-    )
-    return viewpoint_of(camera, frame)
+    eye, target = (point_of(frame.to_viewer(np.array(point))) for point in (eye, toy.CENTRE))
+    return viewpoint_of(View(eye, target, point_of(toy.UP), 0.8, width, height), frame)
 
 
 def test_a_browsers_camera_is_the_same_camera_in_the_scene():
@@ -225,6 +280,7 @@ def test_points_lie_on_the_surface_and_are_nan_in_the_void():
 
 def test_with_the_object_alone_a_click_means_the_object_and_not_what_is_hidden_before_it(session):
     session.do(edits.add_object)
+    session.do(edits.remove_object, 1)  # which has the ball
     session.do(edits.mark, Box3D((-2.0, -2.0, 0.02), (2.0, 2.0, 3.0)))  # the ball without the floor
     now, scene = session.now, session.document.scene
     shown = scene.select(np.flatnonzero(shown_rows(now, Showing("Object"))))
@@ -237,5 +293,5 @@ def test_with_the_object_alone_a_click_means_the_object_and_not_what_is_hidden_b
     assert session.now.object.n_selected < before
     with pytest.raises(InputError, match="Nothing that is shown"):
         before_what_shows(shown, view, [(0.0, 0.0)])
-    for _ in range(3):
+    for _ in range(4):
         session.undo()

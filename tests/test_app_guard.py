@@ -1,12 +1,12 @@
 """Tests of who may talk to the app, and who may read what it keeps."""
 
+import os
 import re
 import socket
 import stat
 import sys
-from concurrent.futures import Future
-from contextlib import contextmanager
 from urllib.parse import urlsplit
+from urllib.request import Request, urlopen
 
 import pytest
 
@@ -14,7 +14,7 @@ from gaussian_trimmer.app import serving as module
 from gaussian_trimmer.app.serving import inner_path, serving
 from gaussian_trimmer.errors import InputError
 
-HERE, KEY = {"Host": "127.0.0.1:8080"}, "a-key_1"
+HERE, KEY = {"host": "127.0.0.1:8080"}, "a-key_1"
 
 
 @pytest.mark.parametrize(
@@ -29,12 +29,12 @@ def test_nothing_is_answered_without_the_key(path, inner):
 @pytest.mark.parametrize(
     ("headers", "foreign"),
     [
-        ({"Host": "localhost:8080", "Origin": "http://localhost:8080"}, False),
-        ({"Host": "evil.example:8080"}, True),  # a name that was pointed at this machine
+        ({"host": "localhost:8080", "origin": "http://localhost:8080"}, False),
+        ({"host": "evil.example:8080"}, True),  # a name that was pointed at this machine
         ({}, True),
-        ({**HERE, "Origin": "http://evil.example"}, True),
-        ({**HERE, "Origin": "http://127.0.0.1:9999"}, True),
-        ({**HERE, "Origin": "null"}, True),
+        ({**HERE, "origin": "http://evil.example"}, True),
+        ({**HERE, "origin": "http://127.0.0.1:9999"}, True),
+        ({**HERE, "origin": "null"}, True),
     ],
 )
 def test_only_this_machines_own_pages_are_answered(headers, foreign):
@@ -43,7 +43,7 @@ def test_only_this_machines_own_pages_are_answered(headers, foreign):
 
 UPGRADE = (
     "Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13",
-    "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Protocol: viser-v0",
+    "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
 )  # fmt: skip
 
 
@@ -61,7 +61,7 @@ def answer(address, path, *headers):
     return int(data.split()[1]), data
 
 
-@pytest.mark.needs("viser")
+@pytest.mark.needs("starlette")
 def test_who_has_no_key_gets_nothing_of_the_app(tmp_path, monkeypatch):
     opened = []
     monkeypatch.setattr(module.webbrowser, "open", opened.append)
@@ -69,16 +69,17 @@ def test_who_has_no_key_gets_nothing_of_the_app(tmp_path, monkeypatch):
         path = urlsplit(app.address).path
         assert re.fullmatch(r"/[\w-]{32}/", path)
         status, page = answer(app.address, path)
-        assert status == 200 and b"viser" in page
-        assert all(header in page for header in (b"frame-ancestors 'none'", b"X-Frame-Options: DENY", b"no-referrer"))
-        assert answer(app.address, path, *UPGRADE)[0] == 101
-        assert answer(app.address, path + "../../etc/passwd")[0] == 404
-        for wrong in ("/", "/index.html", path[:-2] + "/", f"/x{path}", f"/?{path}"):
+        assert status == 200 and b"GaussianTrimmer" in page
+        headers = b"frame-ancestors 'none'", b"default-src 'self'", b"DENY", b"no-referrer", b"no-store", b"nosniff"
+        assert all(header in page for header in headers)
+        assert answer(app.address, path + "socket", *UPGRADE)[0] == 101
+        for nothing in ("../../etc/passwd", "assets/../serving.py", "assets/%2e%2e%2fserving.py", "file/x", "layer/1"):
+            assert answer(app.address, path + nothing)[0] == 404
+        for wrong in ("/", "/index.html", path[:-2] + "/", f"/x{path}", f"/?{path}", f"{path[:-2]}/socket"):
             for headers in ((), UPGRADE):
                 status, page = answer(app.address, wrong, *headers)
-                assert status == 403 and b"viser" not in page.lower() and len(page) < 500
-        assert answer(app.address, path, "Origin: http://evil.example", *UPGRADE)[0] == 403
-        assert app.server.get_clients() == {}
+                assert status == 403 and b"canvas" not in page.lower() and len(page) < 700
+        assert answer(app.address, path + "socket", "Origin: http://evil.example", *UPGRADE)[0] == 403
         app.open_browser()
         (uri,) = opened
         assert path not in uri and app.address in app.page.read_text()  # other users see what programs start with
@@ -89,40 +90,53 @@ def test_who_has_no_key_gets_nothing_of_the_app(tmp_path, monkeypatch):
         assert urlsplit(other.address).path != path
 
 
-@pytest.mark.needs("viser")
-def test_a_server_that_cannot_be_guarded_does_not_start(monkeypatch, tmp_path):
-
-    @contextmanager
-    def nothing(key):
-        yield []
-
-    monkeypatch.setattr(module, "guarding_viser", nothing)
-    with pytest.raises(InputError, match="cannot be guarded"), serving(None, None, port=0, state=tmp_path):
-        pass
+def free_port():
+    with socket.socket() as wire:
+        wire.bind(("127.0.0.1", 0))
+        return wire.getsockname()[1]
 
 
-@pytest.mark.needs("viser")
-def test_no_client_opens_a_tunnel(monkeypatch, tmp_path):
-    import viser
-    from viser import _messages
+@pytest.mark.needs("starlette")
+def test_the_key_is_kept_for_the_port_so_that_a_tab_comes_back(tmp_path):
+    port, addresses = free_port(), []
+    for state in (tmp_path, tmp_path, tmp_path / "other"):
+        with serving(None, None, port=port, state=state) as app:
+            addresses.append(app.address)
+            with serving(None, None, port=port, state=state) as beside:  # the port is taken
+                assert urlsplit(beside.address).port > port
+    assert addresses[0] == addresses[1] != addresses[2]
+    (kept,) = tmp_path.glob(f"key-{port}")
+    assert stat.S_IMODE(kept.stat().st_mode) == 0o600
+    kept.write_text("guessed")
+    with serving(None, None, port=port, state=tmp_path) as app:
+        assert "guessed" not in app.address
 
-    monkeypatch.setattr(viser.ViserServer, "request_share_url", lambda *_: pytest.fail("viser was asked for a tunnel"))
+
+@pytest.mark.needs("starlette")
+def test_files_are_sent_by_http_whole_and_under_their_own_names(tmp_path):
     with serving(None, None, port=0, state=tmp_path) as app:
-        asked = []
-        monkeypatch.setattr(app.server._thread_executor, "submit", lambda call: asked.append(call()) or Future())
-        for handle in app.server._websock_server._incoming_handlers[_messages.ShareUrlRequest]:
-            handle(0, _messages.ShareUrlRequest())
-    assert asked[0] is None
+        request = Request(f"{app.address}upload/my%20file.npy?tab=1", b"nonsense", method="POST")
+        assert urlopen(request).status == 204
+        (stored,) = (tmp_path / "files").glob("*/*")
+        assert stored.name == "my file.npy" and stored.read_bytes() == b"nonsense"
+        assert app.controller.panels.status_text == "Open a scene first."
+        old = tmp_path / "files" / "0" / "old.ply"
+        old.parent.mkdir()
+        old.touch()
+        os.utime(old, (0, 0))
+        urlopen(request)
+        assert not old.exists() and stored.exists()  # of another week
 
 
-@pytest.mark.needs("viser")
-def test_a_home_that_cannot_be_written_is_said_with_the_cure(tmp_path):
+@pytest.mark.needs("starlette")
+def test_with_a_home_that_cannot_be_written_the_app_starts_and_says_that_nothing_is_kept(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="set XDG_STATE_HOME"), serving(None, None, state=tmp_path / "file" / "state"):
-        pass
+    with serving(None, None, port=0, state=tmp_path / "file" / "state") as app:
+        assert "set XDG_STATE_HOME" in app.controller.panels.status_text
+        assert answer(app.address, urlsplit(app.address).path)[0] == 200
 
 
-def test_without_viser_the_cure_is_said(monkeypatch):
-    monkeypatch.setitem(sys.modules, "viser", None)
+def test_without_the_extra_the_cure_is_said(monkeypatch):
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
     with pytest.raises(InputError, match=r"pip install .*\[app\]"), serving(None, None, port=0):
         pass

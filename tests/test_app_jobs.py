@@ -1,7 +1,6 @@
 """Tests of what is to be seen after an event, laws of pure functions, and of the thread in which the app works."""
 
 import threading
-from dataclasses import replace
 from itertools import product
 from types import SimpleNamespace
 
@@ -14,7 +13,6 @@ from gaussian_trimmer.app.viewpoints import (
     WHENS,
     Event,
     Showing,
-    compared,
     due_after,
     showing_after,
 )
@@ -58,6 +56,7 @@ def test_a_mark_shows_what_it_did_and_corrects_what_is_seen_cut_out(shown):
 def test_what_is_asked_for_is_seen(shown):
     assert showing_after(Event.OPENED, now(FRESH), shown) == Showing("Everything", "Selection", "Objects")
     assert showing_after(Event.CUT_OUT, now(FRESH), shown) == Showing("Object", "Cut-out", "Own")
+    assert showing_after(Event.TAKEN_OUT, now(FRESH), shown) == Showing("Everything", "Cut-out", "Own")
     chosen = showing_after(Event.PART_CHOSEN, now(FRESH), shown)
     assert chosen.part == shown.part
     assert chosen.colours == ("Objects" if shown.part == "Everything" else "Own")  # a tint would hide the edge
@@ -65,17 +64,6 @@ def test_what_is_asked_for_is_seen(shown):
     assert due_after(Event.PART_CHOSEN, now(STALE), chosen, True) is True
     empty = showing_after(Event.STEPPED, now(NONE, 0), shown)
     assert empty.part == "Everything" and empty == (shown if shown.part == "Everything" else Showing())
-
-
-@pytest.mark.parametrize("shown", SHOWINGS)
-def test_selection_and_cut_out_or_the_scene_with_and_without_are_compared(shown):
-    other, name = compared(shown)
-    if shown.part == "Object":
-        assert other == replace(shown, when={"Selection": "Cut-out", "Cut-out": "Selection"}[shown.when])
-        assert name == {"Selection": "Selection", "Cut-out": "Cut-out"}[other.when]
-    else:
-        assert {shown.part, other.part} == {"Everything", "Scene without it"}
-        assert name == {"Everything": "With it", "Scene without it": "Without it"}[other.part]
 
 
 def finish(worker):

@@ -42,7 +42,7 @@ each is one file, also from each other."""
 
 NAME = re.compile(r"gaussian_trimmer(\.\w+)+(:\w+|\.)?")
 """A name of what the package imports late, or the beginning of one."""
-HEAVY = ("torch", "transformers", "onnxruntime", "viser", "ray")
+HEAVY = ("torch", "transformers", "onnxruntime", "starlette", "uvicorn", "websockets", "ray")
 """Packages that take seconds to import or are not installed with the package itself."""
 
 

@@ -17,8 +17,7 @@ import numpy as np
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
 
-from app_tab import Tab, until  # noqa: E402
-from browser import chromium  # noqa: E402
+from browser import Tab, chromium, until  # noqa: E402
 
 from gaussian_trimmer import formats, sample  # noqa: E402
 from gaussian_trimmer.app.serving import serving  # noqa: E402
@@ -26,8 +25,8 @@ from gaussian_trimmer.app.serving import serving  # noqa: E402
 FOLDER = ROOT / "docs" / "images" / "app"
 SIZE = (1280, 720)
 QUALITY = 85
-SHOWN = 25_000
-DRAWING = 12_000
+SHOWN = 60_000
+DRAWING = 4_000
 """Milliseconds that software rendering may take until what is shown is drawn."""
 
 
@@ -48,8 +47,6 @@ def walk(browser: Any, lighthouse: Any, state: Path) -> None:
     with serving(Path(sample.SCENE.name), Path(sample.CAMERAS.name), port=0, most=SHOWN, state=state) as app:
         tab = Tab(browser, app, *SIZE)
         tab.wait("59,472 Gaussians")
-        for close in tab.page.locator(".mantine-Notification-closeButton").all():
-            close.click()  # that rendering is in software
         save(tab, "open")
 
         tab.press("Click")

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.app import edits, files, page
-from gaussian_trimmer.app.jobs import STAGES_OF_A_TRIM, Jobs
+from gaussian_trimmer.app import edits, files, panels
+from gaussian_trimmer.app.jobs import STAGES_OF_A_TRIM, TAKE_OUT, Jobs
 from gaussian_trimmer.app.page import Action
 from gaussian_trimmer.app.tools import Tools
 from gaussian_trimmer.app.viewpoints import PARTS, Event, doubts, first_look, framed
@@ -25,7 +25,7 @@ from gaussian_trimmer.trimming.result import TrimResult
 
 _STAGES_OF_FINDING = 19
 """About as many stages as finding objects has, for the progress bar."""
-_TOOL_KEYS = dict(zip(("Esc", "C", "R", "L", "P", "B", "Shift+B", "X"), page.TOOLS, strict=True))
+_TOOL_KEYS = dict(zip(("Esc", "C", "R", "L", "P", "B", "Shift+B", "X"), panels.TOOLS, strict=True))
 
 
 class Controller:
@@ -34,7 +34,7 @@ class Controller:
     def __init__(self, jobs: Jobs) -> None:
         """Connect controls, tools and keys to what they do."""
         self.jobs, self.session, self.panels = jobs, jobs.session, jobs.panels
-        self._files, self._presenter, self._view = jobs.files, jobs.presenter, jobs.view
+        self._files, self._view = jobs.files, jobs.view
         self.tools = Tools(jobs)
         jobs.page.drawn, jobs.page.changed_object = self.tools.heard, self.change_object
         self._start: tuple[Point, Point] = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
@@ -59,13 +59,10 @@ class Controller:
                 return sentence
             self.panels.start_afresh()
             self.panels.busy("Preparing the display", 0.75)
-            painter = self._presenter.painter()
-            self.tools.begin(client)
             self._look_from_start()
+            self.tools.begin(client)
             self.jobs.worker.submit_if_idle(self.session.warm_up)
-            n = len(document.scene)
-            room = f", {painter.most:,} of them shown at once" if painter.most < n else ""
-            return f"{document.path.name}: {n:,} Gaussians{room}. {sentence}"
+            return f"{document.path.name}: {len(document.scene):,} Gaussians. {sentence}"
 
         self.jobs.do("Opening", open_scene, Event.OPENED)
 
@@ -79,6 +76,13 @@ class Controller:
             return sentence
 
         self.jobs.do("Cutting out", trim_and_look, Event.CUT_OUT)
+
+    def take_out(self, client: Any = None) -> None:
+        """Take the active object out of the scene, as one step."""
+        stages = self.jobs.stages(STAGES_OF_A_TRIM, "Taking out: ")
+        self.jobs.do(
+            "Taking out", lambda: self.session.do(edits.take_out, self.panels.choices, stages), Event.TAKEN_OUT
+        )
 
     def find_objects(self, client: Any = None) -> None:
         """Add every object that is found without a mark."""
@@ -149,15 +153,6 @@ class Controller:
 
         self.jobs.do("Looking", look_at_next)
 
-    def compare(self, client: Any, *, on: bool) -> None:
-        """Show the other state in place of what is shown, or no longer."""
-        self.jobs.do("Comparing", lambda: self._presenter.compare(on=on))
-
-    def show_ghost(self, client: Any, *, on: bool) -> None:
-        """Show the rest as a ghost beside the object, to be marked, or no longer; no trim stops for it."""
-        self.panels.ghost = on
-        self.jobs.worker.submit_if_idle(self._presenter.refresh)
-
     def refresh(self, client: Any = None) -> None:
         """Show what the controls ask for."""
         self.jobs.do("Showing", lambda: None)
@@ -167,8 +162,8 @@ class Controller:
 
         def save_results() -> str:
             stages = self.jobs.stages(2 * len(self.session.now.objects), "Trimming ")
-            folder = files.path_of(self.panels.folder.value, "the folder").absolute()
-            overwrite = self.panels.existing.value == page.REPLACE
+            folder = files.path_of(self.panels.folder_for(together), "the folder").absolute()
+            overwrite = self.panels.existing.value == panels.REPLACE
             sentence, self.panels.command.value = files.save(
                 self.session.now,
                 folder,
@@ -177,6 +172,7 @@ class Controller:
                 engine=self.panels.engine,
                 together=together,
                 overwrite=overwrite,
+                kept=lambda result: self.session.do(edits.keep_cuts, result),
             )
             return sentence
 
@@ -187,10 +183,9 @@ class Controller:
         ending, engine = self.panels.ending, self.panels.engine
         self.jobs.do("Saving", lambda: self._files.download(what, ending, client, engine))
 
-    def receive(self, name: str, content: bytes, client: Any) -> None:
+    def receive(self, path: Path, client: Any) -> None:
         """Take a file that was dropped or chosen, for what it is; a part of the open scene is a selection of it."""
         try:
-            path = self._files.store(name, content)
             kind = identify(path).kind
         except InputError as error:
             self.panels.say(str(error), wrong=True)
@@ -222,7 +217,7 @@ class Controller:
         self.jobs.do("Reading the cameras", lambda: self.session.do(edits.use_cameras, given()), Event.STEPPED)
 
     def _set_up(self, client: Any) -> None:
-        given = page.UPS[self.panels.up.value]
+        given = panels.UPS[self.panels.up.value]
 
         def turn() -> str:
             sentence = self.session.do(edits.set_up, given)
@@ -240,10 +235,8 @@ class Controller:
     def _look_from_start(self) -> None:
         """Let all tabs look from the first view of the scene, up being up."""
         document, up = self.session.document, self.session.now.up.direction
-        self._view.show_up(up)
         self._start = first_look(document.scene, document.cameras, up)
-        for client in (None, *self.jobs.server.get_clients().values()):
-            self._view.look(client, *self._start)
+        self._view.open(document.scene, self._start, up)
 
     def _connect(self) -> None:
         """Have the controls do what they say."""
@@ -252,11 +245,7 @@ class Controller:
         controls.part.changed = lambda tab: self.show_part(controls.part.value, tab)
         controls.up.changed = self._set_up
         controls.tolerance.changed = self.tools.tolerate
-        for control in (controls.when, controls.colours, controls.backdrop, controls.views):
-            control.changed = self.refresh
-        self.jobs.upload.on_upload(
-            lambda event: self.receive(event.target.value.name, event.target.value.content, event.client)
-        )
+        controls.views.changed = self.refresh
 
     def _step(self, name: str, work: Callable[[], str], key: str = "") -> Action:
         """Return what a button or a key does that goes from one state to another."""
@@ -275,19 +264,13 @@ class Controller:
             Action("Surface or through", controls.reach.choose_next, "N"),
             self._step("Undo", session.undo, "Ctrl+Z"),
             self._step("Redo", session.redo, "Ctrl+Shift+Z"),
-            self._step("Clear", partial(session.do, edits.clear), "Delete, Ctrl+Shift+A"),
+            self._step("Clear", partial(session.do, edits.clear), "Ctrl+Shift+A"),
+            Action(TAKE_OUT, self.take_out, "Delete"),
             Action("Cut out", self.cut_out, "T"),
             Action("Look at the object", self.focus, "F"),
             Action("Look at the next doubt", self.look_at_doubt, "J"),
             Action("First view", partial(self.focus, whole=True), "Home, Shift+F"),
             *(Action(part, partial(self.show_part, part), key) for key, part in zip("123", PARTS, strict=True)),
-            Action("Compare, while held", partial(self.compare, on=True), "Space", partial(self.compare, on=False)),
-            Action(
-                "The rest as a ghost, while held",
-                partial(self.show_ghost, on=True),
-                "Shift",
-                partial(self.show_ghost, on=False),
-            ),
             Action("Own colours, objects, changes", controls.colours.choose_next, "V"),
             Action("Hide the object", self.hide, "H"),
             self._step("Show all", partial(session.do, edits.show_all), "U"),
@@ -296,7 +279,7 @@ class Controller:
             Action("Apply the box", tools.apply_box),
             Action("Smaller brush", partial(tools.resize_brush, larger=False), "["),
             Action("Larger brush", partial(tools.resize_brush, larger=True), "]"),
-            Action("Up by three clicks on the ground", partial(tools.choose, page.POINTS)),
+            Action("Up by three clicks on the ground", partial(tools.choose, panels.POINTS)),
             Action("Cancel", lambda tab: self.jobs.worker.cancel()),
             Action("Open", self.open),
             Action("Apply cameras to this scene", self._use_cameras),

@@ -1,146 +1,204 @@
-"""Paints a snapshot: which Gaussians are shown, in which colours. N Gaussians of the scene, M shown."""
+"""What a browser draws: a scene packed once, and four bytes a Gaussian that say what of it is seen, in which tint.
+
+The browser has Gaussians in an order of its own, near ones beside each other, so that what changes together compresses
+well; and it gets every sixteenth of them first, so that it has a coarse scene at once. N Gaussians of the scene.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+import json
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import count
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
-from gaussian_trimmer.app.viewpoints import Frame, Part, Showing
-from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.rendering.blending import view_colours
+from gaussian_trimmer.app.viewpoints import Frame, Showing
+from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.trimming.result import RowLabel, TrimResult
 
-_TINT_SHARE = 0.6
-"""Share of the object's colour in that of a selected Gaussian."""
-_GHOST_SHARE = np.float32(0.15)
-"""Share of the opacity of what is a ghost."""
-REMOVED, ADDED, CUT, MADE_UP = (222, 60, 40), (20, 180, 100), (60, 130, 230), (245, 225, 60)
-"""Colours of changes."""
-_MADE_UP, _PART_OUTSIDE = -1, -2
-"""In place of a row of the scene: of a Gaussian that is new, and of the outer part of a split one."""
+ADDED, REMOVED, CUT, MADE_UP, GONE, REPLACED, ACTIVE_REMOVED, EXTRA = (1 << bit for bit in range(8))
+"""Bits of what a Gaussian is, as `canvas.js` reads them: changes, which are tinted; not in the scene any more once
+objects are cut out; with others in its place; removed from the active object; and of a trim, not of the scene."""
+_CHANGES = ADDED | REMOVED | CUT | MADE_UP
+PIECE, FILL = GONE, REPLACED
+"""Bits of Gaussians of a trim: of the object, or of the scene without it; with neither they are not seen."""
+_PORTIONS = 16
+_FIRST = tuple(int(f"{portion:04b}"[::-1], 2) for portion in range(_PORTIONS))
+_LOG_SCALES = (-14.0, 6.0)
+_ROUGH_CELLS = 1024
+"""Cells along an axis by which Gaussians are ordered."""
+_STRAYS = 0.01
+_TONES = (-0.25, 1.25)
+"""Colours of the bytes 0 and 255 where harmonics are added."""
+_LARGEST_HARMONIC = 0.998
+"""Quantile of the harmonics' sizes that a byte can hold."""
+_OBJECTS = 255
+"""Objects that have a tint of their own; later ones have the last one's."""
 
-_BESIDE_PICTURE = 0.05
-"""How much what lies outside the picture counts; it is there when the view turns, until it is refined."""
-_PICTURE_MARGIN = 0.1
-"""What counts as the picture, beyond its edges, relative to its size."""
-_NEAREST = 0.05
-"""Distance below which all counts the same, relative to the median distance."""
-_ROUNDS = 40
+States = NDArray[np.uint8]
+"""The object before, the object after, and the bits of Gaussians, (N, 3); objects count from 1, and 0 is none."""
 
 
 @dataclass(frozen=True, eq=False)
-class Splats:
-    """M Gaussians as a viewer draws them, from one side."""
+class Packing:
+    """How a scene is packed."""
 
-    centres: FloatArray
-    """In the viewer's coordinates, (M, 3)."""
-    covariances: FloatArray
-    """(M, 3, 3)."""
-    colours: FloatArray
-    """RGB from 0 to 1, (M, 3)."""
-    opacities: FloatArray
-    """(M, 1)."""
-    rows: IntArray
-    """Rows of the scene that they come from, below zero for none, (M,)."""
+    frame: Frame
+    order: IntArray
+    """Rows of the scene, near ones beside each other, (N,)."""
+    tones: tuple[float, float]
+    harmonics: float
+    """The largest harmonic of degree 1 that can be said; 0 for none."""
 
-    def __len__(self) -> int:
-        return len(self.centres)
+    @classmethod
+    def of(cls, scene: Gaussians) -> Packing:
+        """Return how to pack a scene."""
+        frame, largest = Frame.around(scene.means), 0.0
+        points = frame.to_viewer(scene.means)
+        low, high = np.quantile(points, (_STRAYS, 1 - _STRAYS), axis=0)
+        cells = np.clip((points - low) / np.maximum(high - low, 1e-9), 0, 1) * (_ROUGH_CELLS - 1)
+        codes = sum((_spread(cells[:, axis].astype(np.int64)) << axis for axis in range(3)), np.zeros(len(cells), int))
+        if scene.sh_degree > 0 and len(scene):
+            largest = float(np.quantile(np.abs(scene.sh_rest[:, :, :3]), _LARGEST_HARMONIC))
+        return cls(frame, np.argsort(codes, kind="stable"), _TONES if largest else (0.0, 1.0), largest)
+
+    def _firsts(self, most: int) -> Iterator[IntArray]:
+        """Yield the rows of each portion of about so many Gaussians, the coarse one first."""
+        for number, first in enumerate(_FIRST):
+            if not number or (number + 1) * len(self.order) <= _PORTIONS * most:
+                yield self.order[first::_PORTIONS]
+
+    def shown(self, most: int) -> int:
+        """Return how many Gaussians are drawn if there should be no more than about so many."""
+        return sum(map(len, self._firsts(most)))
+
+    def portions(self, scene: Gaussians, most: int) -> Iterator[bytes]:
+        """Yield a scene, the coarse one first, 32 bytes a Gaussian; no more than about `most`."""
+        for rows in self._firsts(most):
+            yield self.pack(scene.select(rows))
+
+    def pack(self, gaussians: Gaussians) -> bytes:
+        """Return Gaussians as `canvas.js` draws them: place, scales, colours, rotation and harmonics of degree 1."""
+        words = np.zeros((len(gaussians), 8), np.uint32)
+        words[:, :3] = self.frame.to_viewer(gaussians.means).astype(np.float32).view(np.uint32)
+        low, high = _LOG_SCALES
+        scales = gaussians.log_scales + np.float32(np.log(self.frame.scale))
+        words[:, 3] = _packed((scales - low) / (high - low) * 1023, 10)
+        colours = (0.5 + SH_C0 * gaussians.sh_dc - self.tones[0]) / (self.tones[1] - self.tones[0])
+        words[:, 4] = _packed(np.column_stack([colours, gaussians.opacities]) * 255, 8)
+        turns = gaussians.quaternions / np.maximum(np.linalg.norm(gaussians.quaternions, axis=1, keepdims=True), 1e-12)
+        largest = np.argmax(np.abs(turns), axis=1)
+        turns *= np.where(np.take_along_axis(turns, largest[:, None], 1) < 0, -1, 1)
+        small = turns[np.arange(4) != largest[:, None]].reshape(-1, 3)
+        words[:, 5] = _packed((small * np.sqrt(2) + 1) * 511, 10) | (largest.astype(np.uint32) << 30)
+        if self.harmonics:
+            rest = np.zeros((len(gaussians), 3, 3), np.float32)
+            rest[:, :, : gaussians.sh_rest.shape[2]] = gaussians.sh_rest[:, :, :3]
+            steps = np.clip((rest.reshape(-1, 9) / self.harmonics + 1) * 63 + 0.5, 0, 126).astype(np.uint32)
+            for word, parts in ((6, steps[:, :4]), (7, steps[:, 4:8])):
+                words[:, word] = parts @ (1 << 7 * np.arange(4)).astype(np.uint32)
+            words[:, 6] |= (steps[:, 8] & 15) << 28
+            words[:, 7] |= (steps[:, 8] >> 4) << 28
+        return words.tobytes()
+
+
+def _spread(values: IntArray) -> IntArray:
+    """Return numbers of 10 bits with two zeros between their bits."""
+    for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
+        values = (values | (values << shift)) & mask
+    return values
+
+
+def _packed(values: FloatArray, bits: int) -> NDArray[np.uint32]:
+    """Return rows of numbers as words, the first in the lowest bits."""
+    whole = np.clip(values + 0.5, 0, (1 << bits) - 1).astype(np.uint32)
+    shifts = (bits * np.arange(values.shape[1])).astype(np.uint32)
+    return np.asarray(np.bitwise_or.reduce(whole << shifts, axis=1), np.uint32)
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Gaussians of a trim that the scene does not have: pieces of the object, and of the scene without it."""
+
+    number: int
+    """No other result has it."""
+    gaussians: Gaussians
+    states: States
 
 
 class Painter:
-    """Draws states of one scene. What it keeps is bounded by the number of Gaussians that are shown at most."""
+    """Says what browsers see of the states of one scene."""
 
-    def __init__(self, scene: Gaussians, most: int) -> None:
-        """Prepare a scene, which is thinned if it has more Gaussians than `most`."""
-        self.scene = scene
-        self.frame = Frame.around(scene.means)
-        self.most = most
-        self._last: tuple[IntArray, FloatArray, Splats] | None = None
+    def __init__(self, scene: Gaussians) -> None:
+        self.scene, self.packing = scene, Packing.of(scene)
+        self._numbers = WeakKeyDictionary[TrimResult, int]()
+        self._count = count(1)
 
-    @property
-    def depends_on_eye(self) -> bool:
-        """Whether the scene looks different from elsewhere, by its colours or by what there is room for."""
-        return self.scene.sh_degree > 0 or len(self.scene) > self.most
+    def states(self, now: Snapshot) -> States:
+        """Return what each Gaussian of the scene is, in the scene's order."""
+        told = np.zeros((len(self.scene), 3), np.uint8)
+        for plane, after in enumerate((False, True)):
+            told[:, plane] = np.minimum(_owners(now, after) + 1, _OBJECTS)
+        bits = told[:, 2]
+        for part in now.objects:
+            for bit, rows in zip((ADDED, REMOVED, CUT, MADE_UP), changed_rows(part), strict=True):
+                bits[rows] |= bit
+            if part.result is not None:
+                bits[part.result.discarded] |= GONE
+                bits[_relit_rows(part.result)] |= GONE
+                bits[part.result.objects[0].source_index[_new_rows(part)]] |= REPLACED
+        bits[_removed_rows(now)] |= ACTIVE_REMOVED
+        return told
 
-    def paint(self, now: Snapshot, showing: Showing, eye: Camera | None = None) -> Splats:
-        """Return the Gaussians to show of a state, in their colours.
+    def layers(self, now: Snapshot, told: States) -> list[Layer]:
+        """Return what there is beside the scene, given what its own Gaussians are.
 
-        Args:
-            now: the state.
-            showing: what of it is to be seen.
-            eye: the camera that it is shown to; what is near it is not thinned.
+        What was filled in for objects that were cut out together is there once.
         """
-        after = showing.when == "Cut-out"
-        visible = shown_rows(now, showing) & ~_replaced_rows(now, after)
-        splats = self._splats(visible, eye)
-        if after:
-            splats = _joined([splats, *self._replacements(now, showing.part, eye)])
-        if showing.colours == "Objects":
-            owner = np.where(splats.rows >= 0, _owners(now, after)[splats.rows], -1)
-            tints = [(owner == place, marked.colour) for place, marked in enumerate(now.objects)]
-        else:
-            tints = list(_changes(now, splats)) if showing.colours == "Changes" else []
-        colours, opacities = splats.colours.copy(), splats.opacities
-        if showing.ghost:
-            rest = (splats.rows >= 0) & (_owners(now, after)[splats.rows] != now.active)
-            colours[rest], opacities = 0.5, np.where(rest[:, None], _GHOST_SHARE * opacities, opacities)
-        for mine, colour in tints:
-            colours[mine] = (1 - _TINT_SHARE) * colours[mine] + _TINT_SHARE * np.array(colour, np.float32) / 255
-        return replace(splats, colours=colours, opacities=opacities)
+        layers, filled = [], list[Gaussians]()
+        for part in now.objects:
+            if (result := part.result) is not None:
+                first = not any(result.appended is each for each in filled)
+                layers.append(self._layer(part, result, told, FILL if first else 0))
+                filled.append(result.appended)
+        return layers
 
-    def _splats(self, visible: BoolArray, eye: Camera | None) -> Splats:
-        """Return what is shown of the visible Gaussians of the scene, (N,)."""
-        rows, growth = thinned(self.scene.means, visible, self.most, eye)
-        if self._last is None or not np.array_equal(rows, self._last[0]) or not np.array_equal(growth, self._last[1]):
-            self._last = rows, growth, self._splats_of(self.scene.select(rows), rows, None, growth)
-        shown = self._last[2]
-        return shown if eye is None else replace(shown, colours=_colours(self.scene.select(rows), eye))
-
-    def _replacements(self, now: Snapshot, part: Part, eye: Camera | None) -> Iterator[Splats]:
-        """Yield Gaussians that the scene does not have: parts of split ones, fitted ones, and what was filled in."""
-        for place, marked in enumerate(now.objects):
-            result = marked.result
-            if result is None or marked.hidden:
-                continue
-            if part == "Everything" or (part == "Object" and place == now.active):
-                rows = _new_rows(marked)
-                yield self._splats_of(result.object.select(rows), result.objects[0].source_index[rows], eye)
-            if part != "Object":
-                first = len(result.background_rows)
-                labels, sources = result.background_label[first:], result.background_source[first:]
-                rows = np.where(labels == RowLabel.RELIT, sources, _PART_OUTSIDE)
-                rows[labels == RowLabel.FILLED] = _MADE_UP
-                yield self._splats_of(result.appended, rows, eye)
-
-    def _splats_of(
-        self, gaussians: Gaussians, rows: IntArray, eye: Camera | None, growth: FloatArray | None = None
-    ) -> Splats:
-        """Return Gaussians from rows of the scene as a viewer draws them, their variances larger by factors (M,)."""
-        scale = self.frame.scale**2 * (1 if growth is None else growth[:, None, None])
-        return Splats(
-            self.frame.to_viewer(gaussians.means).astype(np.float32),
-            (gaussians.covariances() * scale).astype(np.float32),
-            _colours(gaussians, eye),
-            gaussians.opacities[:, None].astype(np.float32),
-            rows,
-        )
+    def _layer(self, part: MarkedObject, result: TrimResult, told: States, fill: int) -> Layer:
+        trimmed, first = result.objects[0], len(result.background_rows)
+        rows = _pieces(result)
+        pieces = told[trimmed.source_index[rows]]
+        pieces[:, 2] = (pieces[:, 2] & _CHANGES) | EXTRA
+        pieces[np.isin(rows, _new_rows(part)), 2] |= PIECE
+        labels, sources = result.background_label[first:], result.background_source[first:]
+        fills = np.zeros((len(labels), 3), np.uint8)
+        fills[:, 2] = EXTRA | fill
+        relit = labels == RowLabel.RELIT
+        fills[relit, 2] |= told[sources[relit], 2] & _CHANGES
+        fills[labels == RowLabel.FILLED, 2] |= MADE_UP
+        number = self._numbers.setdefault(result, next(self._count))
+        both = concatenate([trimmed.gaussians.select(rows), result.appended])
+        return Layer(number, both, np.concatenate([pieces, fills]))
 
 
-def _changes(now: Snapshot, splats: Splats) -> Iterator[tuple[BoolArray, tuple[int, int, int]]]:
-    """Yield which of the splats were changed, (M,), and in which colours they are shown."""
-    real = splats.rows >= 0
-    yield splats.rows == _MADE_UP, MADE_UP
-    for marked in now.objects:
-        added, removed, cut, relit = (real & rows[splats.rows] for rows in changed_rows(marked))
-        yield relit, MADE_UP
-        yield cut, CUT
-        yield removed, REMOVED
-        yield added, ADDED
+def changes_as_bytes(before: States | None, after: States, layers: Sequence[Layer], order: IntArray) -> bytes:
+    """Return what is told of a state: which Gaussians are not as before, what they are, and the layers whole.
+
+    That is a line of JSON with the numbers of bytes, then three compressed parts; the first has a bit a Gaussian, the
+    second all first bytes of those that changed, then all second ones, and so on.
+    """
+    after = after[order]
+    changed = after.any(axis=1) if before is None else (after != before[order]).any(axis=1)
+    extras = np.concatenate([np.zeros((0, 3), np.uint8), *(layer.states for layer in layers)])
+    parts = [np.packbits(changed, bitorder="little"), after[changed].T, extras.T]
+    packed = [zlib.compress(np.ascontiguousarray(part).tobytes(), 6) for part in parts]
+    told = {"whole": before is None, "layers": [[layer.number, len(layer.gaussians)] for layer in layers]}
+    head = json.dumps(told | {"bytes": [len(part) for part in packed]})
+    return b"\n".join([head.encode(), b"".join(packed)])
 
 
 def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
@@ -148,14 +206,13 @@ def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
     after = showing.when == "Cut-out"
     owner = _owners(now, after)
     if showing.part == "Object" and not showing.ghost:
-        corrected = now.object.fresh is not None and now.object.before is not None  # what a mark removed is gone
-        removed = changed_rows(now.object)[1] if showing.colours == "Changes" and not corrected else False
+        removed = _removed_rows(now) if showing.colours == "Changes" else False
         return np.asarray((owner == now.active) | removed)
     unseen = np.zeros(len(owner), np.bool_)
     for place, part in enumerate(now.objects):
         if part.hidden:
             unseen |= owner == place
-        elif after and (result := part.result) is not None:
+        if after and (result := part.result) is not None:
             unseen[result.discarded] = True
             unseen[_relit_rows(result)] = True
     return ~unseen & (owner < 0) if showing.part == "Scene without it" else ~unseen
@@ -185,6 +242,12 @@ def changed_rows(part: MarkedObject) -> tuple[BoolArray, BoolArray, BoolArray, B
     return has & ~had, had & ~has, cut, relit
 
 
+def _removed_rows(now: Snapshot) -> BoolArray | bool:
+    """Return what was removed from the active object and is seen beside it, (N,); what a mark removed is gone."""
+    corrected = now.object.fresh is not None and now.object.before is not None
+    return False if corrected else changed_rows(now.object)[1]
+
+
 def _owners(now: Snapshot, after: bool) -> NDArray[np.int16]:
     """Return the place of the object that has each Gaussian of the scene, (N,); -1 for none; the active one first."""
     owner = np.full(len(now.object.selected.mask), -1, np.int16)
@@ -199,8 +262,7 @@ def _new_rows(part: MarkedObject) -> IntArray:
     """Return rows of an object's trim that the scene does not have: parts of split Gaussians, and fitted ones."""
     result = part.result
     assert result is not None
-    trimmed = result.objects[0]
-    rows = np.union1d(np.flatnonzero(trimmed.label == RowLabel.SPLIT_INSIDE), trimmed.fitted)
+    trimmed, rows = result.objects[0], _pieces(result)
     return rows if part.fresh is not None else rows[part.mask[trimmed.source_index[rows]]]
 
 
@@ -209,62 +271,7 @@ def _relit_rows(result: TrimResult) -> IntArray:
     return np.asarray(result.background_source[result.background_label == RowLabel.RELIT])
 
 
-def _replaced_rows(now: Snapshot, after: bool) -> BoolArray:
-    """Return Gaussians of the scene in whose place a trim has others, (N,)."""
-    replaced = np.zeros(len(now.object.selected.mask), np.bool_)
-    for part in now.objects:
-        if after and part.result is not None and not part.hidden:
-            replaced[part.result.objects[0].source_index[_new_rows(part)]] = True
-    return replaced
-
-
-def _colours(gaussians: Gaussians, eye: Camera | None) -> FloatArray:
-    """Return colours towards an eye, or the mean over all sides, (M, 3)."""
-    if eye is None or gaussians.sh_degree == 0:
-        return np.asarray(np.clip(0.5 + SH_C0 * gaussians.sh_dc, 0, 1), np.float32)
-    return np.asarray(np.clip(view_colours(gaussians, eye), 0, 1), np.float32)
-
-
-def _joined(parts: list[Splats]) -> Splats:
-    return Splats(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Splats)))
-
-
-def thinned(means: FloatArray, visible: BoolArray, most: int, eye: Camera | None = None) -> tuple[IntArray, FloatArray]:
-    """Return rows of about `most` of the visible Gaussians at most, and how much the variance of each grows, (M,) each.
-
-    Each is drawn by its importance: at random, but the same every time, so that little changes as the eye moves.
-    Surfaces stay closed where areas grow as numbers shrink.
-
-    Args:
-        means: centres, (N, 3).
-        visible: which may be shown, (N,).
-        most: number of Gaussians that there is room for.
-        eye: what is in its picture and near counts more; None: all count the same.
-    """
-    rows = np.flatnonzero(visible)
-    if len(rows) <= most:
-        return rows, np.ones(len(rows), np.float32)
-    weights = np.ones(len(rows)) if eye is None else _importance(means[rows].astype(np.float64), eye)
-    chances = _chances(weights, most)
-    drawn = np.random.default_rng(0).random(len(visible))[rows] < chances
-    return rows[drawn], (1 / chances[drawn]).astype(np.float32)
-
-
-def _importance(points: Float64Array, eye: Camera) -> Float64Array:
-    """Return how much points (M, 3) count: as their area in the picture, (M,)."""
-    distances = np.linalg.norm(points - eye.centre, axis=1)
-    weights = 1 / np.maximum(distances, _NEAREST * max(float(np.median(distances)), 1e-9)) ** 2
-    pixels, depths = eye.project(points)
-    size = np.array([eye.width, eye.height])
-    with np.errstate(invalid="ignore"):  # NaN behind the camera, which no comparison lets through
-        within = ((pixels > -_PICTURE_MARGIN * size) & (pixels < (1 + _PICTURE_MARGIN) * size)).all(axis=1)
-    return np.asarray(weights * np.where(within & (depths > 0), 1.0, _BESIDE_PICTURE))
-
-
-def _chances(weights: Float64Array, most: int) -> Float64Array:
-    """Return chances at most 1, otherwise in proportion to weights, whose sum is about `most`, (M,)."""
-    low, high = 0.0, most / float(weights.min())
-    for _ in range(_ROUNDS):
-        middle = (low + high) / 2
-        low, high = (middle, high) if np.minimum(1, middle * weights).sum() < most else (low, middle)
-    return np.asarray(np.minimum(1, low * weights))
+def _pieces(result: TrimResult) -> IntArray:
+    """Return rows of a trim's object that the scene does not have."""
+    trimmed = result.objects[0]
+    return np.union1d(np.flatnonzero(trimmed.label == RowLabel.SPLIT_INSIDE), trimmed.fitted)

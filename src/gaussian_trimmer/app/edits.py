@@ -28,6 +28,7 @@ from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.selection_files.row_matching import MATCH_NOTHING
 from gaussian_trimmer.surface.overview import drawn_part
 from gaussian_trimmer.surface.viewed_scene import CONTRIBUTORS
+from gaussian_trimmer.trimming.result import TrimResult
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.trimming.up_vector import UpVector
 from gaussian_trimmer.views.view import HALF
@@ -220,11 +221,28 @@ def trim_object(
         cameras=document.cameras,
         progress=progress,
     )
-    part = replace(part, result=result, stale=False, choices=choices)
+    part = replace(part, result=result, stale=False, together=False, choices=choices)
     if again:
         return Change(now.with_object(part, now.last), "Cut out again.")
     after = now.with_object(replace(part, before=None), "cut out")
     return Change(after, after.object.summary)
+
+
+def keep_cuts(now: Snapshot, result: TrimResult) -> Change:
+    """Let what all marked objects were trimmed to together be the cut-out of each."""
+    parts, after = [part for part in now.objects if part.n_selected], now
+    for part, trimmed in zip(parts, result.objects, strict=True):
+        cut = replace(part, result=replace(result, objects=(trimmed,)), stale=False, together=True, before=None)
+        after = after.with_object(replace(cut, choices=now.object.choices), "cut out and save all")
+    return Change(after, after.sentence)
+
+
+def take_out(now: Snapshot, choices: TrimChoices, progress: Progress = lambda stage: None) -> Change:
+    """Cut the active object out, unless it is, and hide it, so that the scene without it is left. Raises as `trim`."""
+    if now.object.fresh is None:
+        now = trim_object(now, choices, progress).after
+    taken = now.with_object(replace(now.object, hidden=True), "take out")
+    return Change(taken, f"{now.object.name} is taken out of the scene; U shows it again, Ctrl+Z undoes.")
 
 
 def add_object(now: Snapshot) -> Change:

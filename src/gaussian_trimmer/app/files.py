@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import shlex
 import shutil
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +13,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from gaussian_trimmer import formats
+from gaussian_trimmer.app.edits import trim_object
 from gaussian_trimmer.app.session import Session, autosave_path, project_as_json, read_project, restore
 from gaussian_trimmer.app.snapshots import Document, MarkedObject, Progress, Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.io.folders import atomic_folder
-from gaussian_trimmer.io.writing import safe_file_name, write_private
+from gaussian_trimmer.io.writing import private_folder, safe_file_name, write_private
 from gaussian_trimmer.output.engines import ENGINES, EngineName, PlacingOptions
 from gaussian_trimmer.output.report import describe, file_stems
 from gaussian_trimmer.output.saving import RESULTS, result_files, write_trim
@@ -31,6 +32,7 @@ MARKS = "selection.json"
 """Name of the file of marks among the results, the same as the command line's."""
 OBJECT, WITHOUT, ALL_FILES = DOWNLOADS = ("Object", "Scene without it", "Everything")
 _MOST_RECENT = 5
+_KEPT_SECONDS = 7 * 24 * 3600.0
 CAMERA_NAMES = ("cameras.json", "transforms.json", "transforms_train.json")
 
 
@@ -74,10 +76,20 @@ class Files:
                 scenes.append((project.scene.name, str(project.scene), str(project.cameras or "")))
         return scenes
 
-    def store(self, name: str, content: bytes) -> Path:
-        """Keep a file that came from the browser, and return its path."""
-        path = self._state / "files" / hashlib.sha256(content).hexdigest()[:16] / (Path(name).name or "file")
-        write_private(path, content)
+    def store(self, name: str, content: Path, digest: str) -> Path:
+        """Keep a file that came from the browser under its name, and return its path.
+
+        Files of last week are removed, but those of the scene that is open.
+        """
+        folder, now = self._state / "files", self._session.glance()
+        used = {now.document.path, now.document.camera_path} if now else set()
+        for old in folder.glob("*/*"):
+            with suppress(OSError):
+                if old not in used and time.time() - old.stat().st_mtime > _KEPT_SECONDS:
+                    old.unlink()
+                    old.parent.rmdir()
+        path = private_folder(folder / digest[:16]) / (Path(name).name or "file")
+        content.replace(path)
         return path
 
     def keep(self) -> None:
@@ -115,14 +127,14 @@ class Files:
                     gaussians = place.apply(gaussians)
                 formats.write(gaussians, path)
             data = path.read_bytes()
-        client.send_file_download(path.name, data, save_immediately=True)
+        client.send_file(path.name, data)
         return f"{path.name} ({len(data) / 1e6:.1f} MB) is among the browser's downloads."
 
     def download_project(self, client: Any) -> str:
         """Send the project to the browser."""
         now = self._session.now
         name = f"{now.document.path.name.split('.')[0]}.project.json"
-        client.send_file_download(name, project_as_json(now, Path.cwd()).encode(), save_immediately=True)
+        client.send_file(name, project_as_json(now, Path.cwd()).encode())
         return f"{name} is among the browser's downloads; drop it on the page to go on with it."
 
     @property
@@ -139,6 +151,7 @@ def save(
     engine: EngineName | None = None,
     together: bool = False,
     overwrite: bool = False,
+    kept: Callable[[TrimResult], object] = lambda result: None,
 ) -> tuple[str, str]:
     """Save results with the marks from which they can be made again; return what was saved, and a command for it.
 
@@ -151,6 +164,7 @@ def save(
         together: trim all marked objects, so that no Gaussian is in two, and save them by name; there is no command
             then. Otherwise the cut-out of the active object is saved.
         overwrite: replace earlier results in the folder.
+        kept: called with what all objects were trimmed to together, once it is saved.
 
     Raises:
         InputError: no object is marked or cut out, or the files cannot be written.
@@ -160,6 +174,8 @@ def save(
     if not parts:
         raise InputError("No object is marked; mark one first.")
     cut_out, said = None if together else fresh_result(now), ""
+    if now.object.together and not together:  # the command makes it alone
+        cut_out = trim_object(now, now.object.choices, progress).after.object.fresh
     placing = PlacingOptions(engine=engine)
     names = (*result_files(suffix), "views/*.png", "selection*.json", *placing.patterns(suffix))
     inputs = _inputs(document, parts)
@@ -188,6 +204,9 @@ def save(
             file = f"{stem.replace(THE_OBJECT, 'selection', 1)}.json"
             write_marks(replace(now.basis, marks=part.marks), results / file)
     if together:
+        kept(result)
+        hidden = sum(part.hidden for part in parts)
+        said += f" {hidden} of them {'is' if hidden == 1 else 'are'} hidden." if hidden else ""
         return f"{len(parts)} objects saved in '{folder}'.{said}", ""
     return f"Saved in '{folder}'.{said}", command_for(folder)
 

@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import sys
-import threading
 import traceback
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from gaussian_trimmer import sample
 from gaussian_trimmer.app import edits
-from gaussian_trimmer.app.display import Painter
 from gaussian_trimmer.app.files import DOWNLOADS, Files
-from gaussian_trimmer.app.page import BACKDROPS, PROGRAM_ENDED, WELCOME, Page, Panels
+from gaussian_trimmer.app.page import Page
+from gaussian_trimmer.app.panels import PROGRAM_ENDED, WELCOME, Panels
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Cancelled, Session
 from gaussian_trimmer.app.snapshots import Progress
-from gaussian_trimmer.app.viewpoints import Event, Frame, Showing, compared, due_after, showing_after
-from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.app.viewpoints import Event, due_after, showing_after
 from gaussian_trimmer.errors import InputError
 
 Job = Callable[[], None]
@@ -88,68 +83,26 @@ class Worker:
             self.busy = False
 
 
-_EYE_STEP, _EYE_TURN = 0.1, 0.1
-"""How far an eye moves, in the viewer's units, or turns, in radians, before the scene is drawn anew for it."""
-
-
 class Presenter:
     """Shows the state of a session. Used by the worker's thread alone."""
 
-    def __init__(self, session: Session, panels: Panels, view: SceneView, page: Page, most: int) -> None:
-        self._session, self._panels, self._view, self._page = session, panels, view, page
-        self._most = most
-        self._painter: Painter | None = None
-        self._eye: Camera | None = None
+    def __init__(self, session: Session, panels: Panels, view: SceneView) -> None:
+        self._session, self._panels, self._view = session, panels, view
         self._shown: dict[str, object] = {}
-        self._other: Showing | None = None
-        """What is seen while it is compared with what is shown."""
 
     def refresh(self) -> None:
         """Show the present state, if a scene is open."""
         now = self._session.glance()
-        if self._is_new("backdrop", self._panels.backdrop.value):
-            self._view.show_backdrop(BACKDROPS[self._panels.backdrop.value])
         if now is None:
             return
-        painter, controls = self.painter(), self._panels
-        showing = self._other or controls.showing
-        if self._is_new("splats", (now, showing, self._eye)):
-            self._view.show(painter.paint(now, showing, self._eye))
         if self._is_new("up", now.up):
             self._view.show_up(now.up.direction)
-        views = now.object.fresh if controls.views.value else None
+        views = now.object.fresh if self._panels.views.value else None
         if self._is_new("views", views):
             self._view.show_views(views)
         if self._is_new("state", now):  # otherwise, what somebody is typing is kept
-            controls.refresh(now, self._idle())
-
-    def compare(self, *, on: bool) -> None:
-        """Show another state in place of what is shown, or no longer.
-
-        Raises:
-            InputError: the object has not been cut out.
-        """
-        if on and self._session.now.object.result is None:
-            raise InputError("There is nothing to compare yet: cut the object out first.")
-        self._other, name = compared(self._panels.showing) if on else (None, "")
-        self._page.show(compared=name)
-
-    def look_from(self, eye: Camera) -> None:
-        """Show the scene as it looks from an eye, and what is near it in full, if that differs from what is shown."""
-        if self._session.glance() is None or not self.painter().depends_on_eye:
-            return
-        last = self._eye
-        if last is None or _differ(last, eye, self.painter().frame):
-            self._eye = eye
-            self.refresh()
-
-    def painter(self) -> Painter:
-        """Return what draws the open scene; made anew for another scene."""
-        scene = self._session.document.scene
-        if self._painter is None or self._painter.scene is not scene:
-            self._painter, self._eye = Painter(scene, self._most), None
-            self._view.frame = self._painter.frame
-        return self._painter
+            self._view.show(now)
+            self._panels.refresh(now, self._idle())
 
     def _idle(self) -> list[str]:
         """Return the actions that can do nothing in this state."""
@@ -157,7 +110,9 @@ class Presenter:
         idle = {
             "Undo": not back,
             "Redo": not forth,
-            **dict.fromkeys(("Cut out", "Grow", "Shrink", "Clear", "Look at the object"), not part.n_selected),
+            **dict.fromkeys(
+                ("Cut out", "Grow", "Shrink", "Clear", "Take out", "Look at the object"), not part.n_selected
+            ),
             **dict.fromkeys((*(f"Download: {what}" for what in DOWNLOADS), "Save in this folder"), part.fresh is None),
         }
         return [name for name, cannot in idle.items() if cannot]
@@ -170,39 +125,26 @@ class Presenter:
         return True
 
 
-def _differ(one: Camera, other: Camera, frame: Frame) -> bool:
-    """Tell whether two eyes are so far apart, or look so differently, that the scene looks different."""
-    moved = float(np.linalg.norm(one.centre - other.centre)) * frame.scale
-    return moved > _EYE_STEP or float(one.forward @ other.forward) < np.cos(_EYE_TURN)
-
-
+TAKE_OUT = "Take it out of the scene"
 STAGES_OF_A_TRIM = 12
 """About as many stages as a trim has, for the progress bar."""
-_REST_SECONDS = 0.4
-"""How long a view has to rest until it is refined."""
 
 
 class Jobs:
-    """Session, controls and 3D view of a viser server, and the thread in which everything is done that takes time."""
+    """Session, controls and 3D view, and the thread in which everything is done that takes time."""
 
-    def __init__(self, server: Any, most: int, state: Path, offered: tuple[str, str]) -> None:
+    def __init__(self, most: int, state: Path, offered: tuple[str, str]) -> None:
         """Make them; the paths of scene and cameras are those that are offered at first."""
-        self.server, self.worker = server, Worker()
+        self.worker, self.page = Worker(), Page()
         self.session = Session(self.worker.cancelled)
         self.files = Files(self.session, state)
-        self.page = Page(server.gui)
-        self.upload = server.gui.add_upload_button("Choose a file")
-        """Not to be seen: the page's own buttons press it."""
         self.panels = Panels(self.page, *offered)
-        self.view = SceneView(server)
-        self.presenter = Presenter(self.session, self.panels, self.view, self.page, most)
+        self.view = SceneView(self.page, most)
+        self.presenter = Presenter(self.session, self.panels, self.view)
         self.due = False
         """Whether what a mark has corrected is to be cut out again."""
-        self._rest: threading.Timer | None = None
         name = "Open the sample" if offered[0] == str(sample.SCENE) else Path(offered[0]).name
         self.page.show(starts=[(name, *offered), *self.files.recent()], said=WELCOME)
-        self.presenter.refresh()
-        server.on_client_connect(self._welcome)
 
     def do(self, name: str, work: Callable[[], str | None], event: Event | None = None) -> None:
         """Have something done in the worker's thread, show its sentence, if any, and what an event then shows."""
@@ -215,16 +157,12 @@ class Jobs:
 
     def stop(self) -> None:
         """End the worker, and say so in all tabs."""
-        if self._rest is not None:
-            self._rest.cancel()
         self.worker.stop()
         self.panels.say(PROGRAM_ENDED, wrong=True)
-        self.server.flush()
 
     def _job(self, name: str, work: Callable[[], str | None], event: Event | None) -> None:
         """Do some work, and show its sentence and, if it succeeds, what is to be seen after an event."""
         self.panels.busy(name, 0)
-        self.presenter.compare(on=False)
         text, wrong = "", True
         try:
             try:
@@ -261,25 +199,6 @@ class Jobs:
                     self.due = False
 
         self.worker.submit_if_idle(partial(self._job, "Cutting out again", correct, None))
-
-    def _welcome(self, client: Any) -> None:
-        """Tell a second tab that it is one, and refine what a tab sees when its view rests."""
-        client.camera.on_update(lambda camera: self._moved(client))
-        if len(self.server.get_clients()) > 1:
-            text = "All tabs show and change the same scene."
-            client.add_notification("Open in several tabs", text, auto_close_seconds=8.0)
-
-    def _moved(self, client: Any) -> None:
-        """Refine what a tab sees once its view rests."""
-        if self._rest is not None:
-            self._rest.cancel()
-
-        def look() -> None:
-            self.presenter.look_from(self.view.viewpoint(client).camera)
-
-        self._rest = threading.Timer(_REST_SECONDS, lambda: self.worker.submit_if_idle(look))
-        self._rest.daemon = True
-        self._rest.start()
 
     def stages(self, number: int, prefix: str) -> Progress:
         """Return what to call at each of about so many stages, to show the progress and to stop when asked."""

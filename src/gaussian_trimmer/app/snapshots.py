@@ -148,6 +148,8 @@ class MarkedObject:
     """The trim of the object; None if it is not cut out."""
     stale: bool = False
     """Whether it was marked since it was cut out."""
+    together: bool = False
+    """Whether it was cut out with other objects, so that the scene without it is without those, too."""
     choices: TrimChoices = field(default_factory=TrimChoices)
     """What it was, or is to be, trimmed with."""
     before: BoolArray | None = None

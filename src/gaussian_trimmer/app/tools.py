@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.app import edits, page
+from gaussian_trimmer.app import edits, panels
 from gaussian_trimmer.app.display import markable_rows, shown_rows
 from gaussian_trimmer.app.jobs import Jobs
 from gaussian_trimmer.app.page import Gesture
@@ -46,22 +46,26 @@ class Tools:
         """The marks after the last click, and that click."""
 
     def choose(self, tool: str, client: Any) -> None:
-        """Take a tool."""
+        """Take a tool. Only the box in space has to look at the scene, and waits for what is being done."""
+        if self._session.glance() is None:
+            self._panels.tool.value = panels.LOOK
+            self._panels.say("Open a scene first.", wrong=True)
+            return
         self._panels.tool.value = tool
-        self._do(tool, lambda: self.begin(client))
+        if tool == panels.BOX3D:
+            self._do(tool, lambda: self.begin(client))
+        else:
+            self._panels.say(self.begin(client), quietly=True)
 
     def begin(self, client: Any) -> str:
         """Show what belongs to the tool that is chosen."""
         self._corners = []
         self._view.show_points([])
         self._view.hide_box()
-        if self._session.glance() is None:
-            self._panels.tool.value = page.LOOK
-            raise InputError("Open a scene first.")
         tool: str = self._panels.tool.value
-        if tool == page.BOX3D:
+        if tool == panels.BOX3D:
             self._show_box(client)
-        return page.HINTS[tool]
+        return panels.HINTS[tool]
 
     def resize_brush(self, client: Any, *, larger: bool) -> None:
         """Let the brush be larger or smaller by a step."""
@@ -72,13 +76,14 @@ class Tools:
     def heard(self, gesture: Gesture, client: Any) -> None:
         """Do what was meant by a gesture."""
         work: dict[str, Callable[[Viewpoint, Gesture], str]] = {
-            page.CLICK: self._click,
-            page.BOX: self._box,
-            page.POINTS: self._corner,
-            **dict.fromkeys((page.LASSO, page.POLYGON, page.BRUSH, page.SPHERE), self._draw),
+            panels.CLICK: self._click,
+            panels.BOX: self._box,
+            panels.POINTS: self._corner,
+            **dict.fromkeys((panels.LASSO, panels.POLYGON, panels.BRUSH, panels.SPHERE), self._draw),
         }
         if gesture.places and gesture.tool in work and gesture.tool == self._panels.tool.value:
-            view, event = self._view.viewpoint(client), None if gesture.tool == page.POINTS else Event.MARKED
+            self._panels.ghost = gesture.ghost
+            view, event = self._view.viewpoint(client), None if gesture.tool == panels.POINTS else Event.MARKED
             self._do("Marking", lambda: work[gesture.tool](view, gesture), event)
 
     def change_selection(self, way: str, client: Any) -> None:
@@ -112,14 +117,17 @@ class Tools:
         self._view.show_box(np.stack([local.min(axis=0) - padding, local.max(axis=0) + padding]), now.up.direction)
 
     def _effect(self, asked: Effect | None) -> Effect:
-        return asked or page.EFFECTS[self._panels.effect.value]
+        return asked or panels.EFFECTS[self._panels.effect.value]
 
     def _click(self, view: Viewpoint, gesture: Gesture) -> str:
-        """Mark what was clicked on; without a key or another mode, go on with the object that has it."""
+        """Mark what was clicked on; without a key or another mode, go on with the object that has it.
+
+        For a new object it is taken from the one that has it.
+        """
         place, effect = gesture.places[0], self._effect(gesture.effect)
         self._surface_point(view, place)
         other = self._other_at(view, place)
-        if other is not None and gesture.effect is None and effect == "add":
+        if other is not None and self._session.now.object.marks and gesture.effect is None and effect == "add":
             return self._session.do(edits.activate, other, joined=True)
         x, y = pixel_at(view, place)
         tolerance = self._panels.tolerance.value / 100
@@ -169,16 +177,18 @@ class Tools:
     def _draw(self, view: Viewpoint, gesture: Gesture) -> str:
         """Mark what was drawn over, among what is shown; of an object that is seen cut out, cut it off."""
         controls, now, effect = self._panels, self._session.now, self._effect(gesture.effect)
-        sphere, radius = gesture.tool == page.SPHERE, float(controls.brush.value)
-        stroke = Stroke(view, gesture.places, radius if sphere or gesture.tool == page.BRUSH else None)
-        through, by_centres = controls.reach.value == page.THROUGH, sphere or controls.taking.value == page.CENTRES
+        sphere, radius = gesture.tool == panels.SPHERE, float(controls.brush.value)
+        stroke = Stroke(view, gesture.places, radius if sphere or gesture.tool == panels.BRUSH else None)
+        through, by_centres = controls.reach.value == panels.THROUGH, sphere or controls.taking.value == panels.CENTRES
         rows, gaussians = np.flatnonzero(self._shown_rows()), self._shown()
         cuts = False
         showing = controls.showing
         if now.object.fresh is not None and (showing.part, showing.when, showing.ghost) == ("Object", "Cut-out", False):
             rows, gaussians = now.object.fresh.objects[0].source_index, now.object.fresh.object
             cuts = effect == "remove" and not through and not by_centres
-        if sphere:
+        if gesture.rows is not None and by_centres:  # the page has found them as they were drawn
+            taken = self._view.rows(gesture.rows)[rows]
+        elif sphere:
             taken = in_spheres(gaussians, stroke)
         else:
             taken = under_stroke(gaussians, stroke, through=through, by_centres=by_centres)
@@ -195,7 +205,7 @@ class Tools:
             return f"{3 - len(self._corners)} more on the ground."
         corners, self._corners = self._corners, []
         said = self._session.do(edits.set_up, edits.normal_of(corners, point_of(view.camera.centre)))
-        self._panels.tool.value = page.LOOK
+        self._panels.tool.value = panels.LOOK
         self.begin(None)
         return said
 
@@ -213,12 +223,12 @@ class Tools:
 
     def _mark(self, mark: Mark, gesture: Gesture | None = None) -> str:
         """Make a mark; what was drawn without a key replaces the selection where the mode says so."""
-        anew = self._panels.effect.value == page.ANEW and gesture is not None and gesture.effect is None
+        anew = self._panels.effect.value == panels.ANEW and gesture is not None and gesture.effect is None
         among = markable_rows(self._session.now, self._panels.showing)
         sentence = self._session.do(edits.mark, mark, among=among, anew=anew)
         self._clicked = self._session.now.object.marks, mark if isinstance(mark, Click) else None
-        if self._panels.effect.value == page.KEEP_ONLY:  # else the next mark would keep nothing
-            self._panels.effect.value = page.ADD
+        if self._panels.effect.value == panels.KEEP_ONLY:  # else the next mark would keep nothing
+            self._panels.effect.value = panels.ADD
         return sentence
 
     def _shown_rows(self) -> Any:

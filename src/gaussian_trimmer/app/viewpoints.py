@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any, Literal, get_args
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 
 from gaussian_trimmer.app.snapshots import Snapshot
-from gaussian_trimmer.cameras import Camera, CameraSet, Point, Viewpoint, point_of
+from gaussian_trimmer.cameras import Camera, CameraSet, Point, Viewpoint, intrinsics, look_at, point_of
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, rotation_matrices
+from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import dominant_cluster
 from gaussian_trimmer.output.report import checked_sides, middle_degree, why_unchecked
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selecting.select import views_to_click_in
+from gaussian_trimmer.settings import Range
 from gaussian_trimmer.surface.viewed_scene import small_view, surface_points
 from gaussian_trimmer.trimming.result import TrimResult
 from gaussian_trimmer.views.standing import stands_in_rooms
@@ -26,9 +27,9 @@ Place = tuple[float, float]
 
 _MEDIAN_DISTANCE = 5.0
 """Median distance of the Gaussians from their middle, in the viewer's units."""
-_LARGEST_PICTURE = 1 << 14
-_SMALLEST_FOV, _LARGEST_FOV = 0.01, 3.1
-_FRAMED_SHARE, _RAISED_SHARE = 0.76, 0.06
+_FIRST_PICTURE, _FOV = (990, 720), np.radians(50)
+"""Pixels of the picture for which a scene is framed, and the angle from its upper edge to its lower one."""
+_FRAMED_SHARE, _RAISED_SHARE = 0.76, 0.03
 """Share of the picture's height, or width, that what is looked at fills, and by how much it is above the middle, as the
 tools are below."""
 _BEFORE_SURFACE = 0.999
@@ -37,11 +38,7 @@ _BEFORE_SURFACE = 0.999
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """The viewer's coordinates: the scene's, moved and scaled.
-
-    A viewer that sends covariances in half precision loses Gaussians that are small in its units, and float32 loses
-    detail far from the origin.
-    """
+    """The viewer's coordinates: the scene's, moved and scaled, since float32 loses detail far from the origin."""
 
     centre: Float64Array
     """The viewer's origin in the scene, (3,)."""
@@ -64,32 +61,49 @@ class Frame:
         return np.asarray(np.asarray(points, np.float64) / self.scale + self.centre)
 
 
-def viewpoint_of(camera: Any, frame: Frame) -> Viewpoint:
-    """Return the view of the scene that a browser has, to which marks can refer.
+@dataclass(frozen=True)
+class View:
+    """Where a tab looks from, in the viewer's coordinates."""
 
-    Args:
-        camera: viser's, in the viewer's coordinates; its axes are x right, y down, z forward.
-        frame: these coordinates.
+    eye: Point
+    target: Point
+    up: Point
+    fov: Annotated[float, Range(0.01, 3.1)]
+    """Angle from the picture's upper edge to its lower one."""
+    width: Annotated[int, Range(1, 1 << 14)]
+    height: Annotated[int, Range(1, 1 << 14)]
+    near: Annotated[float, Range(1e-9, 1e9)] = 0.01
+
+
+def viewpoint_of(view: View, frame: Frame) -> Viewpoint:
+    """Return the view of the scene that a tab has, to which marks can refer.
+
+    Raises:
+        InputError: the eye looks nowhere.
     """
-    width, height = (int(np.clip(size, 1, _LARGEST_PICTURE)) for size in (camera.image_width, camera.image_height))
-    rotation = rotation_matrices(np.asarray(camera.wxyz, np.float32)[None])[0].T
-    pose = np.eye(4)
-    pose[:3, :3] = rotation
-    pose[:3, 3] = -rotation @ frame.to_scene(camera.position)
-    focal = height / 2 / np.tan(float(np.clip(camera.fov, _SMALLEST_FOV, _LARGEST_FOV)) / 2)
-    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
-    return Viewpoint(Camera(pose, K, width, height, near=max(float(camera.near) / frame.scale, 1e-9)))
+    try:
+        pose = look_at(frame.to_scene(view.eye), frame.to_scene(view.target), np.array(view.up))
+    except ValueError as error:
+        raise InputError("The view looks nowhere; press Home.") from error
+    focal = view.height / 2 / np.tan(view.fov / 2)
+    K = np.array([[focal, 0, view.width / 2], [0, focal, view.height / 2], [0, 0, 1.0]])
+    return Viewpoint(Camera(pose, K, view.width, view.height, near=view.near / frame.scale))
 
 
 def first_look(scene: Gaussians, cameras: CameraSet | None, up: Float64Array) -> tuple[Point, Point]:
     """Return from where a scene is looked at first, and at which point.
 
     That is as its first camera does; without cameras, in rooms, as a person who stands where most things are seen, and
-    otherwise from outside.
+    otherwise from outside, so that all but strays is in the picture.
     """
     if cameras is None and (stands := stands_in_rooms(scene, up)):
         return point_of(stands[0][0]), point_of(stands[0][1])
-    camera = cameras.cameras[0] if cameras is not None else views_to_click_in(scene, None, up)[0].camera
+    if cameras is None:
+        width, height = _FIRST_PICTURE
+        camera = views_to_click_in(scene, None, up)[0].camera
+        K = intrinsics(2 * float(np.arctan(width / height * np.tan(_FOV / 2))), width, height)
+        return framed(scene, replace(camera, K=K, width=width, height=height))
+    camera = cameras.cameras[0]
     ahead = (scene.means - camera.centre) @ camera.forward
     depth = float(np.median(ahead[ahead > 0])) if (ahead > 0).any() else 1.0
     return point_of(camera.centre), point_of(camera.centre + depth * camera.forward)
@@ -191,6 +205,7 @@ class Event(Enum):
     OPENED = "a scene, a project or a selection was opened, or objects were found"
     MARKED = "the active object was marked"
     CUT_OUT = "the active object was cut out"
+    TAKEN_OUT = "the active object was taken out of the scene"
     PART_CHOSEN = "another part is to be seen"
     STEPPED = "a step was undone or redone, the object cleared, or another one chosen"
 
@@ -213,6 +228,8 @@ def showing_after(event: Event, now: Snapshot, showing: Showing) -> Showing:
             return replace(showing, when="Cut-out" if corrected else "Selection", colours=colours)
         case Event.CUT_OUT:  # in its own colours: a tint would hide what is wrong at the edge
             return Showing("Object", "Cut-out", "Own")
+        case Event.TAKEN_OUT:
+            return Showing("Everything", "Cut-out", "Own")
         case Event.PART_CHOSEN:
             colours = "Objects" if showing.part == "Everything" else "Own"
             when: When = "Cut-out" if showing.part == "Scene without it" and cut else showing.when
@@ -235,13 +252,3 @@ def due_after(event: Event, now: Snapshot, showing: Showing, due: bool) -> bool:
     if event is Event.PART_CHOSEN:
         return due
     return event is Event.MARKED and now.object.stale and showing.when == "Cut-out"
-
-
-def compared(showing: Showing) -> tuple[Showing, str]:
-    """Return what to compare with what is shown, and its name: selection and cut-out, or the scene with and without."""
-    if showing.part == "Object":
-        when: When = "Selection" if showing.when == "Cut-out" else "Cut-out"
-        return replace(showing, when=when), when
-    if showing.part == "Everything":
-        return Showing("Scene without it", "Cut-out", "Own"), "Without it"
-    return Showing("Everything", "Selection", "Own"), "With it"

@@ -11,9 +11,10 @@ _WORDS = (
     (r"cameras of their pictures: --cameras PATH", "cameras of their pictures; give them beside 'Scene'"),
     (r"a --box around it may do better", "drag 'Tolerance', or draw around it"),
     (r"--with-what-stands-on-it discards (it|them), too", r"mark \1, too, and \1 goes with the object"),
+    (r"'[^']*[/\\]files[/\\][0-9a-f]{16}[/\\]([^'/\\]+)'", r"'\1'"),
     (r", or allow it with --trust-paths", " in the file"),
 )
-"""Patterns of what messages say, and what the app says in its place."""
+"""Patterns of what messages say, and what the app says in its place; files that were dropped have their own names."""
 _OPTION = re.compile(r"[;:,] (?:(?!gaussian-trimmer |pip )[^;:,])*(?<![\w/'-])--[a-z][a-z-]*(?!\w).*?(?:\.(?=\s|$)|$)")
 """A clause that names an option, and the rest of its sentence."""
 _ELSEWHERE = "; the app cannot choose this: make the selection with 'gaussian-trimmer select', and load it here."
