@@ -87,7 +87,8 @@ void main() {
   if (tint.r >= 0.0) rgb = mix(rgb, tint, 0.6);
 
   vec4 q = turn(second.y);
-  vec3 scale = exp(vec3(first.w & 1023u, (first.w >> 10) & 1023u, (first.w >> 20) & 1023u) / 1023.0 * 20.0 - 14.0) * grown;
+  vec3 scale = exp(vec3(first.w & 1023u, (first.w >> 10) & 1023u, (first.w >> 20) & 1023u) / 1023.0 * 20.0 - 14.0);
+  if ((flags & ${EXTRA}u) == 0u) scale *= grown;
   mat3 axes = rotation * mat3(
     1.0 - 2.0 * (q.z * q.z + q.w * q.w), 2.0 * (q.y * q.z + q.x * q.w), 2.0 * (q.y * q.w - q.x * q.z),
     2.0 * (q.y * q.z - q.x * q.w), 1.0 - 2.0 * (q.y * q.y + q.w * q.w), 2.0 * (q.z * q.w + q.x * q.y),
@@ -132,8 +133,9 @@ export class Canvas {
   constructor(element, say) {
     this.element = element;
     this.say = say;
-    this.count = 0; // splats of the scene that there are, of `total`
-    this.total = 0;
+    this.count = 0; // splats of the scene that there are
+    this.total = 0; // that come
+    this.whole = 0; // that the scene has
     this.capacity = 0;
     this.states = new Uint8Array(0); // four bytes a splat
     this.texels = new Uint32Array(0); // eight words a splat
@@ -219,12 +221,12 @@ export class Canvas {
     this.refresh();
   }
 
-  /** Make room for a scene. @param {{count: number, harmonics: number, tones: number[]}} scene */
-  open({ count, harmonics, tones }) {
+  /** Make room for what is shown of a scene. @param {{count: number, shown: number, harmonics: number, tones: number[]}} scene */
+  open({ count, shown, harmonics, tones }) {
     (this.total = 0), (this.count = 0), (this.extras = 0), (this.harmonics = harmonics), (this.tones = tones);
     (this.texels = new Uint32Array(0)), (this.states = new Uint8Array(0));
-    this.resize(count);
-    this.total = count;
+    this.resize(shown);
+    (this.total = shown), (this.whole = count);
     this.budget = Infinity;
   }
 
@@ -422,7 +424,7 @@ export class Canvas {
   /** Rows of what may be drawn, and by how much splats are larger for those that are not. @returns {[[number, number][], number]} */
   ranges() {
     const drawn = Math.floor(this.moved ? Math.min(this.count, Math.max(FEWEST, this.budget)) : this.count);
-    return [[[0, drawn], [this.total, this.total + this.extras]], Math.sqrt(this.total / Math.max(1, drawn))];
+    return [[[0, drawn], [this.total, this.total + this.extras]], Math.sqrt(Math.max(1, this.whole / Math.max(1, drawn)))];
   }
 
   /** @param {Vector} forward @param {[number, number][]} ranges @param {number} grown */
@@ -509,7 +511,7 @@ export class Canvas {
     if (gl.checkFramebufferStatus(gl.FRAMEBUFFER) === gl.FRAMEBUFFER_COMPLETE) {
       const few = this.order.length > FEWEST_DEEP ? this.order.filter((row) => row < FEWEST_DEEP || row >= this.total) : this.order;
       this.useOrder(few);
-      this.paint(width, height, this.pose(), Math.sqrt(Math.max(1, this.total / Math.min(this.total, FEWEST_DEEP))), true, few.length);
+      this.paint(width, height, this.pose(), Math.sqrt(Math.max(1, this.whole / Math.min(this.total, FEWEST_DEEP))), true, few.length);
       this.useOrder();
       const pixels = new Float32Array(4 * width * height);
       gl.readPixels(0, 0, width, height, gl.RGBA, gl.FLOAT, pixels);

@@ -96,7 +96,7 @@ export class Link {
     const { canvas } = this;
     this.scene = drawn;
     this.layers.clear();
-    canvas.open({ ...drawn, count: drawn.shown });
+    canvas.open(drawn);
     if (!drawn.count) return canvas.stateChanged();
     const reader = (await fetch(`splats/${drawn.number}`)).body?.getReader();
     for (let left = new Uint8Array(0); reader; ) {
