@@ -1,1 +1,1 @@
-"""The app in the browser: the state in plain Python, and a thin layer that shows it with viser."""
+"""The app in the browser: the state in plain Python, a plain server, and a page that draws and marks by itself."""
