@@ -294,7 +294,7 @@ def wait() -> None:
 def _key(state: Path, port: int) -> str:
     """Return the key that is kept for a port; it is drawn if there is none."""
     path = state / f"key-{port}"
-    with suppress(OSError):
+    with suppress(OSError, UnicodeDecodeError):
         if re.fullmatch(r"[\w-]{32}", key := path.read_text()):
             return key
     key = secrets.token_urlsafe(_KEY_BYTES)
