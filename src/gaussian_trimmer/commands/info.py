@@ -66,11 +66,12 @@ def run(arguments: Namespace) -> None:
         console.print(said)
         files.append({"file": str(path), "said": said, **facts})
     scenes, cameras = ([p for p in arguments.files if identify(p).kind == kind] for kind in ("splats", "cameras"))
-    if len(scenes) == 1:
+    if len(scenes) == 1 and cameras:
+        means = formats.read(scenes[0], level=arguments.level, say=lambda text: None).means
         for path in cameras:
             try:
                 taken = read_cameras_of(scenes[0], path, trust_paths=arguments.trust_paths, say=lambda text: None)
-                check_facing(taken, formats.read(scenes[0], level=arguments.level, say=lambda text: None).means)
+                check_facing(taken, means)
             except InputError as wrong:
                 console.print(f"{path}, for {scenes[0]}: {wrong}")
                 files.append({"file": str(path), "said": str(wrong)})

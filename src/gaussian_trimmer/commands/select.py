@@ -122,8 +122,8 @@ def _select(arguments: Namespace, path: Path, console: Console) -> Request:
     """Make the selection and save it; return it, and what it was made from."""
     inputs = {"scene": arguments.scene, "selection": path, "cameras": arguments.cameras}
     scene, cameras = read_scene(arguments, console)
-    check_facing(cameras, scene.means)
     if arguments.object_ids:
+        check_facing(cameras, scene.means)
         labels, n_masks = lift_folder(scene, cameras, arguments.masks, arguments.gamma, ids=True)
         if not labels.any():
             raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
@@ -177,7 +177,7 @@ def _draw_marks(scene: Gaussians, made: Selection) -> Picture | None:
 
 def _resolved(arguments: Namespace, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Marks:
     """Return all marks, those of an earlier run first."""
-    views = _overview(arguments, scene, None).views if cameras is None else None
+    views = _overview(arguments, scene, None, up).views if cameras is None else None
     marks: list[Any] = marks_of(arguments)
     if arguments.masks is not None:
         marks.insert(0, FromMasks(arguments.masks, arguments.gamma))
@@ -225,15 +225,16 @@ def _check_files(arguments: Namespace, path: Path) -> None:
         refuse_existing(file, inputs=inputs, overwrite=overwrite or again)
 
 
-def _overview(arguments: Namespace, scene: Gaussians, cameras: CameraSet | None) -> Overview:
+def _overview(arguments: Namespace, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Overview:
     """Return the views of the cameras, or those that are planned: of a capture with levels, the same at each."""
     if cameras is not None:
         return Overview([Viewpoint(camera) for camera in cameras.pinhole_cameras()], range(0))
     path = identify(arguments.scene).scene
     if path.name == STREAMED:
         scene = formats.read(path, level=open_streamed(path).coarsest, say=lambda text: None)
+        up = find_up(scene, None, arguments.up)
     config = OverviewConfig(**{field.name: getattr(arguments, field.name) for field in fields(OverviewConfig)})
-    return plan_views(scene, find_up(scene, None, arguments.up).direction, config)
+    return plan_views(scene, up.direction, config)
 
 
 def _write_views(arguments: Namespace, console: Console) -> None:
@@ -243,7 +244,7 @@ def _write_views(arguments: Namespace, console: Console) -> None:
         scene, cameras = read_scene(arguments, console)
         check_facing(cameras, scene.means)
         up = find_up(scene, cameras, arguments.up)
-        overview = _overview(arguments, scene, cameras)
+        overview = _overview(arguments, scene, cameras, up)
         for number, view in enumerate(overview.views):
             picture = as_picture(render(scene.select(drawn_rows(scene.means, view)), view.camera).rgb)
             picture = picture if up.is_sure else with_axes(picture, view.camera)

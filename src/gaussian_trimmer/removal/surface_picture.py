@@ -212,10 +212,9 @@ def _seen_through_the_object(empty: BoolArray, picture: SurfacePicture, views: R
     """
     _, parts = cv2.connectedComponents(empty.astype(np.uint8))
     at_edge = np.unique(np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]]))
-    mostly = np.bincount(parts[_near_the_object(picture, views)], minlength=parts.max() + 1) > HALF * np.bincount(
-        parts.ravel()
-    )
-    return np.isin(parts, np.setdiff1d(np.flatnonzero(mostly), at_edge)) & empty
+    pixels = np.bincount(parts.ravel())
+    near = np.bincount(parts[_near_the_object(picture, views)], minlength=len(pixels))
+    return np.isin(parts, np.setdiff1d(np.flatnonzero(near > HALF * pixels), at_edge)) & empty
 
 
 def _near_the_object(picture: SurfacePicture, views: RemovalViews) -> BoolArray:

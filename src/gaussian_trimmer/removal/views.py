@@ -93,12 +93,12 @@ class RemovalViews:
     @cached_property
     def above(self) -> RemovalViews:
         """The same in the steep views."""
-        return replace(self, cameras=self.cameras_above, cameras_above=(), observing=())
+        return self._in(self.cameras_above)
 
     @cached_property
     def observed(self) -> RemovalViews:
         """The same in the views from where the object was seen."""
-        return replace(self, cameras=self.observing, cameras_above=(), observing=())
+        return self._in(self.observing)
 
     @cached_property
     def alone(self) -> list[Rendering]:
@@ -149,6 +149,9 @@ class RemovalViews:
         for weights in label_weights(self.gaussians.select(part), self.cameras, self.silhouettes):
             total[part] += weights
         return total
+
+    def _in(self, cameras: Sequence[Camera]) -> RemovalViews:
+        return replace(self, cameras=cameras, cameras_above=(), observing=())
 
     def _render(self, part: Gaussians, masks: Sequence[BoolArray | None]) -> list[Rendering]:
         return list(parallel_map(lambda camera, mask: render(part, camera, mask=mask), self.cameras, masks))
