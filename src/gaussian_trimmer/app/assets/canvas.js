@@ -340,6 +340,11 @@ export class Canvas {
     gl.bufferData(gl.ARRAY_BUFFER, order, gl.DYNAMIC_DRAW);
   }
 
+  /** How wide a pixel is at a depth of one. */
+  get pixel() {
+    return (2 * Math.tan(FOV / 2)) / this.element.clientHeight;
+  }
+
   /** @returns {Pose} where the eye is and how it looks, x right, y down, z forward; focal length for a height of one */
   pose() {
     const forward = unit(add(this.target, times(this.eye, -1)));

@@ -54,7 +54,7 @@ export class Paint {
     this.settle();
     this.how = how;
     this.plane = this.canvas.showing.when ? AFTER : BEFORE;
-    this.reach = how.radius / (this.canvas.pose().focal * this.canvas.element.clientHeight);
+    this.reach = how.radius * this.canvas.pixel;
   }
 
   /** Call `act` with the splats in cells that a rectangle meets. @param {number[]} box left, top, right, bottom @param {(i: number) => void} act */
@@ -109,7 +109,7 @@ export class Paint {
     for (const [x, y] of corners) context.lineTo(x - box[0], y - box[1]);
     context.fill("evenodd");
     const inside = context.getImageData(0, 0, width, height).data;
-    this.reach = Math.sqrt(inside.reduce((sum, value, i) => sum + (i % 4 === 3 && value > 127 ? 1 : 0), 0) / Math.PI) / (this.canvas.pose().focal * this.canvas.element.clientHeight);
+    this.reach = Math.sqrt(inside.reduce((sum, value, i) => sum + (i % 4 === 3 && value > 127 ? 1 : 0), 0) / Math.PI) * this.canvas.pixel;
     this.within(box, (i) => {
       const x = Math.floor((this.xs?.[i] ?? 0) - box[0]), y = Math.floor((this.ys?.[i] ?? 0) - box[1]);
       if (x >= 0 && y >= 0 && x < width && y < height && inside[4 * (y * width + x) + 3] > 127 && (this.how?.through || this.reaches(i))) this.mean(i);

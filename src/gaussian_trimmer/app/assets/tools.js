@@ -147,7 +147,7 @@ export class Tools {
   /** Turn, move or zoom the view. @param {PointerEvent} event @param {PointerEvent} before */
   steer(event, before) {
     const { canvas } = this, x = event.clientX - before.clientX, y = event.clientY - before.clientY;
-    const share = 2 * Math.tan((25 * Math.PI) / 180) / canvas.element.clientHeight;
+    const share = canvas.pixel;
     const other = [...this.pointers.values()].find((each) => each.pointerId !== event.pointerId);
     if (other) {
       const away = (/** @type {PointerEvent} */ one) => apart([one.clientX, one.clientY], [other.clientX, other.clientY]) || 1;
@@ -339,7 +339,7 @@ export class Tools {
     }
     handle(middle, "rect", { width: 16, height: 16 }, (at, from) => {
       const pose = this.canvas.pose(), { depth } = this.canvas.project(this.boxPoint(middleOf(low, high)), pose);
-      const share = depth / (pose.focal * this.canvas.element.clientHeight);
+      const share = depth * this.canvas.pixel;
       const step = add(times(pose.right, (at[0] - from[0]) * share), times(pose.down, (at[1] - from[1]) * share));
       for (let axis = 0; axis < 3; axis++) (low[axis] += dot(step, this.box.axes[axis])), (high[axis] += dot(step, this.box.axes[axis]));
     });
