@@ -158,6 +158,7 @@ PROPERTIES = "".join(f"property float {name}\n" for name in NAMES)
         (HEADER.format(count=2, properties=PROPERTIES).encode() + bytes(100), "truncated"),
         (HEADER.format(count=1, properties="property float x\n").encode() + bytes(4), "lack y, z, f_dc_0"),
         (HEADER.format(count=1, properties=PROPERTIES + "property float x\n").encode() + bytes(60), "twice"),
+        (HEADER.format(count=1, properties=PROPERTIES + "element vertex 1\n").encode(), "two elements"),
         (HEADER.format(count=1, properties=PROPERTIES + "property float f_rest_0\n").encode() + bytes(60), "f_rest"),
         (HEADER.format(count=1, properties="property list uchar int v\n").encode() + bytes(9), "list properties"),
         (HEADER.replace("vertex", "face").format(count=1, properties=PROPERTIES).encode(), "no vertex element"),

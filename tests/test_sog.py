@@ -14,7 +14,7 @@ from format_samples import ATTRIBUTES, error, round_trip, sample
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.packing import row_codebook, scalar_codebook
-from gaussian_trimmer.formats.sog import decode_webp, encode_webp
+from gaussian_trimmer.formats.sog import decode_webp, encode_webp, read_meta
 from gaussian_trimmer.io.reading import webp_size
 
 
@@ -114,6 +114,12 @@ def test_damaged_meta_is_refused(tmp_path: Path, changes: dict[str, Any], messag
     with_meta(path, **changes)
     with pytest.raises(InputError, match=message):
         formats.read(path)
+
+
+def test_numbers_that_are_too_large_make_no_noise(tmp_path: Path) -> None:
+    formats.write(sample(300, 1), tmp_path / "a.sog")
+    with_meta(tmp_path / "a.sog", scales__codebook=[1e300] * 256)
+    assert read_meta(tmp_path / "a.sog").count == 300
 
 
 def test_damaged_archives_are_refused(tmp_path: Path) -> None:

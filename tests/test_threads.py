@@ -8,13 +8,18 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
 import cv2
+import made_room as room
 import numba
 import numpy as np
 import pytest
 from toy import ball_on_floor, dilated, small_config, tight, trim_by, two_balls
 
+from gaussian_trimmer.cameras import Viewpoint
+from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.geometry.graphs import nearest
 from gaussian_trimmer.rendering import blend_values, blend_weights, render, top_contributors
+from gaussian_trimmer.selecting.marks import Click
+from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.trimming.config import SplitConfig
 from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim_objects
@@ -89,6 +94,15 @@ def together():
     return digest([rest.means, rest.sh_dc, *(part.means for part in parts), *(part.opacity_logits for part in parts)])
 
 
+def found():
+    """What is found in a room, and what clicks on the toy scene select, one by the tree and one by a cut."""
+    objects = find_objects(room.scene_of(room.floor(), room.ball((0.3, 1.2), 0.5, room.BLUE, 2))[0], up=(0, 0, 1))
+    scene, _, camera = ball_and_view()
+    clicks = Click(50, 50, Viewpoint(camera)), Click(50, 60, Viewpoint(camera), "remove")
+    selected = [select(scene, clicks[:count], up=(0, 0, 1)).mask for count in (1, 2)]
+    return digest([objects.labels, *(np.array(one.confidence) for one in objects), *selected])
+
+
 def at_the_same_time(function):
     """What many calls return, four of them running at any time."""
     with ThreadPoolExecutor(4) as pool:
@@ -115,7 +129,7 @@ def threads():
     numba.set_num_threads(before)
 
 
-@pytest.mark.parametrize("work", [rendered, neighbours, trimmed, together])
+@pytest.mark.parametrize("work", [rendered, neighbours, trimmed, together, found])
 def test_one_and_two_threads_agree(work, threads):
     if numba.config.NUMBA_NUM_THREADS < 2:
         pytest.skip("Numba was started with one thread.")

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.folders import atomic_folder, remove_leftovers
+from gaussian_trimmer.io.folders import atomic_folder, earlier_results, remove_leftovers
 from gaussian_trimmer.io.writing import atomic_file, state_folder
 
 OLD = {"object.splat": "old", "report.json": "old", "views/0": "old", "views/1": "old"}
@@ -203,6 +203,12 @@ class TestOverwriting:
         assert contents(tmp_path / "moved") == NEW
         (secret,) = (state_folder() / "manifests").iterdir()
         assert stat.S_IMODE(secret.stat().st_mode) == 0o600 and len(secret.read_bytes()) == 32
+
+    def test_looking_for_results_keeps_nothing(self, tmp_path, monkeypatch):
+        write(tmp_path / "out", OLD)
+        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "elsewhere"))
+        assert earlier_results(tmp_path / "out", "test") == []
+        assert not (tmp_path / "elsewhere").exists()
 
     def test_without_a_place_for_a_secret_nothing_is_replaced(self, tmp_path, monkeypatch):
         (tmp_path / "file").touch()

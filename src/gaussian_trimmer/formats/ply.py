@@ -309,11 +309,14 @@ def read_table(path: Path, header: Header, name: str = "vertex") -> NDArray[Any]
     """Return all columns of one element, the vertices if not named, as a structured array (N,) that nobody writes to.
 
     Raises:
-        InputError: the element is missing, it or one before it has list properties, or the file is truncated.
+        InputError: the element is missing or there twice, it or one before it has list properties, or the file is
+            truncated.
     """
     names = [element.name for element in header.elements]
     if name not in names:
         raise InputError(f"'{path}' has no {name} element, so it holds no Gaussians.")
+    if names.count(name) > 1:
+        raise InputError(f"'{path}' has two elements that are named {name}, of which a splat PLY has one.")
     *before, element = header.elements[: names.index(name) + 1]
     if any(kind == "list" for part in (*before, element) for _, kind in part.properties):
         raise InputError(f"'{path}' has list properties, as a mesh has; a splat PLY has only scalars.")

@@ -34,7 +34,15 @@ from gaussian_trimmer.formats.packing import (
     to_levels,
 )
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, SplatModel
-from gaussian_trimmer.io.reading import decoded_picture, file_bytes, is_file, member_bytes, open_archive, webp_size
+from gaussian_trimmer.io.reading import (
+    decoded_picture,
+    file_bytes,
+    is_file,
+    member_bytes,
+    open_archive,
+    reading,
+    webp_size,
+)
 from gaussian_trimmer.io.writing import atomic_file
 
 META = "meta.json"
@@ -88,7 +96,8 @@ def _opened(path: Path) -> Iterator[tuple[SogMeta, Callable[[str], bytes]]]:
         meta = parse_meta(file_bytes(path, _MAX_META_BYTES), path)
         textures = {name: _beside(path, name) for names in meta.files.values() for name in names}
         check_count(meta.count, path, sum(texture.stat().st_size for texture in textures.values()))
-        yield meta, lambda name: file_bytes(textures[name])
+        with reading(*textures.values()):
+            yield meta, lambda name: file_bytes(textures[name])
         return
     with open_archive(path, ".sog file") as archive:
         meta = parse_meta(member_bytes(archive, META, _MAX_META_BYTES, path), path)
@@ -290,6 +299,7 @@ class SogMeta:
     model: SplatModel
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what damaged numbers become is found where they are used
 def parse_meta(data: bytes, path: Path) -> SogMeta:
     """Return what the meta.json of a SOG file of version 1 or 2 says.
 

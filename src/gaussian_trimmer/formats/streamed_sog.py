@@ -153,23 +153,23 @@ def _assemble(streamed: StreamedSog, level: Level) -> Gaussians:
     paths = {i: streamed.path.parent / streamed.chunks[i] for i in np.unique(level.runs[:, 0])}
     for i, path in paths.items():
         _check_runs(level.runs[level.runs[:, 0] == i, 1:], sog.read_meta(path).count, path, streamed.path)
-    size = sum(file.stat().st_size for path in paths.values() for file in sog.scene_files(path))
-    check_count(len(level), streamed.path, size)
+    files = [file for path in paths.values() for file in sog.scene_files(path)]
+    check_count(len(level), streamed.path, sum(file.stat().st_size for file in files))
     arrays: dict[str, FloatArray] = {}
     start = 0
-    for i, path in paths.items():
-        with reading(path):
+    with reading(*files):
+        for i, path in paths.items():
             chunk = sog.read(path)
-        for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"):
-            values = getattr(chunk, name)
-            whole = arrays.setdefault(name, np.empty((len(level), *values.shape[1:]), np.float32))
-            if values.shape[1:] != whole.shape[1:]:
-                raise InputError(f"'{path}' has another SH degree than the chunks of '{streamed.path}' before it.")
-            place = start
-            for _, first, count in level.runs[level.runs[:, 0] == i]:
-                whole[place : place + count] = values[first : first + count]
-                place += count
-        start = place
+            for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"):
+                values = getattr(chunk, name)
+                whole = arrays.setdefault(name, np.empty((len(level), *values.shape[1:]), np.float32))
+                if values.shape[1:] != whole.shape[1:]:
+                    raise InputError(f"'{path}' has another SH degree than the chunks of '{streamed.path}' before it.")
+                place = start
+                for _, first, count in level.runs[level.runs[:, 0] == i]:
+                    whole[place : place + count] = values[first : first + count]
+                    place += count
+            start = place
     return Gaussians(**arrays, model=chunk.model)  # type: ignore[arg-type]  # none of them is the extra columns
 
 

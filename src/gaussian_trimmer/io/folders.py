@@ -144,6 +144,13 @@ def _locked(target: Path, shown: Path) -> Iterator[None]:
                 f"Another run is writing to '{shown}' (it has locked '{path}'); wait until it ends, or choose another "
                 "folder."
             ) from error
+        except PermissionError as error:
+            if not path.exists():
+                raise
+            raise FolderInUseError(
+                f"'{path}' is the lock of another user's run in '{shown}'; wait until it ends, delete the lock if it "
+                "has died, or choose another folder."
+            ) from error
     try:
         yield
     finally:
@@ -163,7 +170,8 @@ def _refuse_conflicts(target: Path, coming: Iterable[str], earlier: Sequence[str
         if name not in earlier and os.path.lexists(path):
             raise InputError(
                 f"'{path}' is in the way of a result, and was not written by you with this program on this machine, or "
-                "has changed since; move it away, or choose another output folder."
+                "has changed since; move it away, or choose another output folder. Machines for which XDG_STATE_HOME "
+                "is one shared folder replace each other's results."
             )
 
 
@@ -283,16 +291,19 @@ def write_manifest(folder: Path, kind: str, source: Path | None = None) -> None:
     made_of = None if source is None else str(source.resolve())
     contents: dict[str, Any] = {"program": _PROGRAM, "version": __version__, "kind": kind, "source": made_of}
     contents["files"] = sizes
-    contents["signature"] = _signature(contents)
+    contents["signature"] = _signature(contents, for_new=True)
     (folder / MANIFEST).write_text(json.dumps(contents, indent=1) + "\n", encoding="utf-8")
 
 
-def _signature(contents: Mapping[str, Any]) -> str | None:
-    """Return what only this user on this machine can say of a manifest; None if a secret cannot be kept."""
+def _signature(contents: Mapping[str, Any], *, for_new: bool = False) -> str | None:
+    """Return what only this user on this machine can say of a manifest; None if there is no secret for it.
+
+    One is made for new results, if it can be kept.
+    """
     signed = json.dumps([contents.get(name) for name in ("kind", "source", "files")], sort_keys=True)
     with suppress(OSError, InputError):
-        secret = private_folder(state_folder() / "manifests") / "secret"
-        if not secret.exists():
+        secret = state_folder() / "manifests" / "secret"
+        if for_new and not secret.exists():
             part = secret.with_name(f"{HIDDEN_PREFIX}-{os.urandom(6).hex()}.part")
             write_private(part, os.urandom(32))
             with suppress(FileExistsError):  # another run has made one by now

@@ -56,20 +56,22 @@ MAX_PIXELS = 1 << 27
 
 
 @contextmanager
-def reading(path: Path) -> Iterator[None]:
-    """Check that a file is the same before and after it is read: a training may still be writing it.
+def reading(path: Path, *others: Path) -> Iterator[None]:
+    """Check that files are the same before and after they are read: a training may still be writing them.
 
     Raises:
-        InputError: the file cannot be read, is not a regular file, or has changed in size, time or identity.
+        InputError: a file cannot be read, is not a regular file, or has changed in size, time or identity.
     """
+    paths = path, *others
     try:
-        before = _state(path)
+        before = [_state(each) for each in paths]
         yield
-        after = _state(path)
+        after = [_state(each) for each in paths]
     except OSError as error:
-        raise InputError(f"Cannot read '{path}': {error.strerror or error}.") from error
-    if before != after:
-        raise InputError(f"'{path}' changed while it was read; try again when it is complete.")
+        raise InputError(f"Cannot read '{error.filename or path}': {error.strerror or error}.") from error
+    for each, *states in zip(paths, before, after, strict=True):
+        if states[0] != states[1]:
+            raise InputError(f"'{each}' changed while it was read; try again when it is complete.")
 
 
 def is_file(path: Path) -> bool:
