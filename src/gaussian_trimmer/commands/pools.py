@@ -135,7 +135,7 @@ def _use_threads(threads: int) -> None:
     import numba
 
     cv2.setNumThreads(threads)
-    numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))  # the user may allow fewer
+    numba.set_num_threads(min(threads, numba.get_num_threads()))  # the user may allow fewer
 
 
 @contextmanager
