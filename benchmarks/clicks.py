@@ -123,7 +123,7 @@ def _measure(scene: BenchmarkScene, arguments: Namespace) -> Iterator[Row]:
         if arguments.objects and name not in arguments.objects:
             continue
         views = [view for view in scene.test_views(name) if not view.far]
-        camera, mask = _best_view(scene, name)
+        camera, mask = best_view(scene, name)
         exact = 0.0
         if arguments.marks > 1:
             rough = scene.coarse(name, "exact")
@@ -188,7 +188,7 @@ def middle_of(mask: BoolArray) -> tuple[int, int]:
     return int(x), int(y)
 
 
-def _best_view(scene: BenchmarkScene, name: str) -> tuple[Camera, BoolArray]:
+def best_view(scene: BenchmarkScene, name: str) -> tuple[Camera, BoolArray]:
     """The training view whose mask of the object is largest, and that mask."""
     masks = [(camera, scene.coverage(name, camera.name) > 0.5) for camera in scene.training_cameras]
     return max(masks, key=lambda found: np.count_nonzero(found[1]))
