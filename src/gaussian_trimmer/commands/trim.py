@@ -52,7 +52,8 @@ from gaussian_trimmer.trimming.result import THE_OBJECT
 
 ABOUT = """Sharpen a rough selection of one object, or of several: write objects, the scene without them, and a report.
 
-Without SELECTION, and without anything else that says what to select, the file is taken to hold the object alone."""
+Without SELECTION, and without anything else that says what to select, the file is taken to hold the object alone;
+a black fringe in the air around it is left out."""
 ABOUT_DEMO = "Trim an object of the sample scene that comes with the program, and say where the results are."
 ReadScene = Callable[..., Gaussians]
 """Reads a scene as `formats.read` does."""

@@ -17,6 +17,7 @@ from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, check_gau
 from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.settings import check_settings
 from gaussian_trimmer.trimming.config import TrimConfig
+from gaussian_trimmer.trimming.fringe import without_black_fringe
 from gaussian_trimmer.trimming.up_vector import UpVector
 from gaussian_trimmer.views.view import ViewMasks
 
@@ -84,6 +85,9 @@ def set_up(
     check_gaussians(scene)
     check_magnitudes(scene)
     rough = visible_objects(rough_objects(objects, len(scene)), scene)
+    if len(rough) == 1 and len(rough[0].rows) + np.count_nonzero(scene.blank) == len(scene):  # it was captured alone
+        scene = without_black_fringe(scene)
+        rough = visible_objects(rough, scene)
     if masks is not None and len(rough) > 1:
         raise InputError(f"Masks are of one object, and {len(rough)} are to be trimmed; trim them one by one.")
     checked = checked_masks(masks)
