@@ -16,6 +16,7 @@ from gaussian_trimmer.gaussians import Gaussians, concatenate
 from gaussian_trimmer.rendering import blend_values
 from gaussian_trimmer.selecting.clicks import (
     NothingFoundError,
+    pieces_at_click,
     select_around_click,
     select_by_box,
     select_by_click,
@@ -25,7 +26,7 @@ from gaussian_trimmer.selecting.marks import Box3D, Click
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane, windows_around
 from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.surface.overview import OverviewConfig, drawn_rows, plan_overview
-from gaussian_trimmer.surface.viewed_scene import ViewedScene
+from gaussian_trimmer.surface.viewed_scene import ViewedScene, look_at_pixel
 from gaussian_trimmer.views.view import bounding_box
 
 
@@ -114,13 +115,14 @@ def test_seeds_all_over_a_ball_mean_the_same_things(apart):
     floor = np.stack(np.meshgrid(np.arange(-4, 7, 0.2), np.arange(-4, 7, 0.2), [-0.05], indexing="ij"), -1)
     positions = np.concatenate([outward[0] + [0, 0, 1], outward[1] + [0, apart, 1], floor.reshape(-1, 3)])
     second = slice(1500, 3000)
-    visible = np.full(len(positions), 10, np.float32)
+    visible, level = np.full(len(positions), 10, np.float32), np.zeros(len(positions), np.float32)
     shares = []
     for row in np.flatnonzero(positions[:1500, 0] > 0.9)[:10]:
         seeds = np.zeros(len(positions), np.float32)
         seeds[row] = 1
         scale = 3.5 - 0.6 * positions[row, 0]
-        pieces = pieces_on_plane(positions - positions[row], seeds, visible, scale, windows_around(scale, positions))
+        windows = windows_around(scale, positions)
+        pieces = pieces_on_plane(positions - positions[row], seeds, visible, level, scale, windows)
         shares.append(pieces[0][second].mean())
     assert max(shares) < 0.1 or min(shares) > 0.9
 
@@ -203,6 +205,25 @@ def test_what_is_seen_alone_is_what_a_click_means_where_nothing_stands():
     assert 0 < near.sum() < 0.7 * pick.sum()
 
 
+def test_what_fills_photographs_is_not_seen_alone():
+    scene, truth = toy.ball_on_floor()
+    ball, camera = scene.select(np.flatnonzero(truth)), toy.camera_at((1.6, 0, 1))
+    assert click_on((0.9, 0, 1), camera, ball)[1] == "alone"
+    photographed = ViewedScene(ball, camera, toy.UP, seen_from=[camera])
+    assert select_by_click(photographed, *pixel_of(camera, (0.9, 0, 1)))[1] == "around"
+
+
+@pytest.mark.parametrize("is_level", [True, False])
+def test_nothing_stands_on_a_slice_through_upright_sides(is_level):
+    """A layer is a table top if it lies level; the same centres of upright discs are sides of the thing itself."""
+    thin, wide = 0.01, 0.12
+    scene, truth = toy.ball_on_floor(n_ball=1500)
+    scales = np.where(truth[:, None], scene.scales, (wide, wide, thin) if is_level else (wide, thin, wide))
+    scene = scene.replace(log_scales=np.log(scales).astype(np.float32))
+    found = pieces_at_click(view := ViewedScene(scene, toy.camera_at((5, 0, 3)), toy.UP), look_at_pixel(view, 100, 100))
+    assert bool(found) == is_level
+
+
 def test_a_click_made_again_on_a_part_of_what_is_seen_alone_takes_all_of_it():
     scene, truth = toy.ball_on_floor()
     ball = scene.select(np.flatnonzero(truth))
@@ -227,12 +248,13 @@ def test_nearer_surface_comes_first():
     floor = scene.means[~truth] * [2, 2, 1] - [0, 0, 2]
     positions = np.concatenate([scene.means[truth], plinth, floor])
     n, parts = truth.sum(), np.repeat([0, 1, 2], [truth.sum(), len(plinth), len(floor)])
-    visible = np.full(len(positions), 10, np.float32)
+    visible, level = np.full(len(positions), 10, np.float32), np.zeros(len(positions), np.float32)
 
     def asked(row):
         seeds = np.zeros(len(positions), np.float32)
         seeds[row] = 1
-        return pieces_on_plane(positions - positions[row], seeds, visible, 5.0, windows_around(5.0, positions))
+        windows = windows_around(5.0, positions)
+        return pieces_on_plane(positions - positions[row], seeds, visible, level, 5.0, windows)
 
     on_ball = asked(int(np.argmin(np.linalg.norm(positions[:n] - [1, 0, 1], axis=1))))
     assert toy.jaccard(on_ball[0], parts == 0) > 0.9

@@ -28,6 +28,7 @@ from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selecting.graph_cuts import correct_at_click, fills, segment_in_box
 from gaussian_trimmer.selecting.segment_on_plane import REACH, pieces_on_plane, windows_around
 from gaussian_trimmer.selecting.selection import Seed
+from gaussian_trimmer.surface.regions import FILLED
 from gaussian_trimmer.surface.viewed_scene import Target, ViewedScene, check_pixel, look_at_pixel, shown_weights
 from gaussian_trimmer.trimming.up_vector import up_from_ground_plane
 from gaussian_trimmer.views.camera_rings import ring_poses
@@ -101,7 +102,10 @@ def select_by_colour(scene: ViewedScene, x: int, y: int, tolerance: float) -> Bo
 
 
 def seen_alone(scene: ViewedScene, target: Target) -> BoolArray | None:
-    """Return all that shows at a point with nothing beside it, (N,); None where there is more, or a floor in it."""
+    """Return all that shows at a point with nothing beside it, (N,); None where there is more, or a floor in it.
+
+    What fills photographs was not captured as a whole: that nothing is beside it beyond their edges says nothing.
+    """
     wide = replace(scene, camera=zoomed(scene.camera, 1 / _WIDENED))
     alone = _seen_alone(wide, *wide.camera.project(target.point[None])[0][0].astype(int))
     floor = None if alone is None else up_from_ground_plane(scene.gaussians.select(alone))
@@ -112,6 +116,9 @@ def _seen_alone(scene: ViewedScene, x: int, y: int) -> BoolArray | None:
     """Return what shows around a pixel with nothing beside it, (N,); None where that goes on beyond the picture."""
     camera, alone = scene.camera, np.zeros(len(scene.gaussians), np.bool_)
     seen = render(scene.gaussians, camera).alpha > HALF
+    middle = seen[tuple(slice(side // _WIDENED, side - side // _WIDENED) for side in seen.shape)]
+    if scene.seen_from and middle.mean() > FILLED:
+        return None
     _, pieces, boxes, _ = cv2.connectedComponentsWithStats(seen.astype(np.uint8))
     left, top, width, height = boxes[pieces[y, x], :4]
     if not seen[y, x] or min(left, top, camera.width - left - width, camera.height - top - height) == 0:
@@ -190,11 +197,13 @@ def _pieces_at(scene: ViewedScene, target: Target, visible: FloatArray, extents:
     scale = target.depth * max(camera.width, camera.height) / (2 * camera.K[0, 0])
     windows = windows_around(scale, positions)
     near = np.flatnonzero(np.linalg.norm(positions, axis=1) < REACH * windows.max())
+    variances, upright = np.square(frame @ gaussians.select(near).factors()), np.zeros(len(positions), np.float32)
+    upright[near] = variances[:, 2].sum(axis=1) / variances.sum(axis=(1, 2))
     if not extents or len(near) > _MAX_FOR_EXTENTS:
-        return pieces_on_plane(positions, target.seeds, visible, scale, windows)
+        return pieces_on_plane(positions, target.seeds, visible, upright, scale, windows)
     ellipsoids = ellipsoid_points(gaussians.select(near))
     points, of = (ellipsoids.reshape(-1, 3) - target.point) @ frame.T, np.repeat(near, ellipsoids.shape[1])
-    pieces = pieces_on_plane(points, target.seeds[of], visible[of], scale, windows)
+    pieces = pieces_on_plane(points, target.seeds[of], visible[of], upright[of], scale, windows)
     each, n = np.bincount(of, minlength=len(positions)), len(positions)
     return [2 * np.bincount(of, piece, n) > each for piece in pieces]  # those with more than half of their points
 

@@ -68,6 +68,9 @@ _LAYER_HALF_THICKNESS = 0.05
 """Half of the layer's thickness, relative to the window's radius."""
 _MIN_COVERED = 0.7
 """Smallest share of that ring that the layer must cover."""
+_UPRIGHT = 1 / 3
+"""Share of the variance of a Gaussian without direction that is along the up vector; what lies level has less."""
+_ROUNDING = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +83,12 @@ class _Piece:
 
 
 def pieces_on_plane(
-    positions: Float64Array, seeds: FloatArray, visible: FloatArray, scale: float, windows: Float64Array
+    positions: Float64Array,
+    seeds: FloatArray,
+    visible: FloatArray,
+    upright: FloatArray,
+    scale: float,
+    windows: Float64Array,
 ) -> list[BoolArray]:
     """Return the objects that hold the seeds and stand on a layer below them, (N,) each, the likeliest first.
 
@@ -90,6 +98,7 @@ def pieces_on_plane(
         positions: centres relative to the selected point, the third axis upwards, (N, 3).
         seeds: blend weight of each Gaussian at the selected pixel, zero for most, (N,).
         visible: visible weight of each Gaussian, in pixels of five views of 512 x 512, (N,).
+        upright: share of each Gaussian's variance that is along the third axis, (N,).
         scale: half of the length that the picture's longer side spans at the depth of the point, in scene units.
         windows: radii of the windows, as `windows_around` gives them.
     """
@@ -105,7 +114,7 @@ def pieces_on_plane(
         return [
             (surface, radius, piece, _with_hidden(positions, piece, hidden))
             for piece in _stable_pieces(positions, seeds, visible, rows, _GAP_RADII * radius)
-            if piece.radius <= _MAX_RADIUS * radius and _stands(positions, shows, piece, surface, radius)
+            if piece.radius <= _MAX_RADIUS * radius and _stands(positions, shows, upright, piece, surface, radius)
         ]
 
     found: list[tuple[float, float, _Piece, BoolArray]] = []
@@ -181,8 +190,13 @@ def _nested_pieces(positions: Float64Array, seeds: FloatArray, rows: IntArray, g
     return pieces[::-1]
 
 
-def _stands(positions: Float64Array, shows: BoolArray, piece: _Piece, surface: float, window: float) -> bool:
-    """Tell whether the piece reaches down to the layer, and what shows of the layer goes on around its foot."""
+def _stands(
+    positions: Float64Array, shows: BoolArray, upright: FloatArray, piece: _Piece, surface: float, window: float
+) -> bool:
+    """Tell whether the piece reaches down to the layer, and what shows of the layer goes on around its foot, level.
+
+    A layer of what is upright is a slice through sides of the thing itself.
+    """
     height = positions[piece.rows, 2] - surface
     lowest = np.quantile(height, _END_QUANTILES[0])
     if lowest > _MAX_FOOT_HEIGHT * piece.radius:
@@ -200,7 +214,10 @@ def _stands(positions: Float64Array, shows: BoolArray, piece: _Piece, surface: f
     within = (x >= 0) & (y >= 0) & (x < footprint.shape[1]) & (y < footprint.shape[0])
     covered = np.zeros_like(footprint)
     covered[y[within], x[within]] = 1
-    return bool(np.mean(_grown(covered, 1)[ring] > 0) >= _MIN_COVERED)
+    if np.mean(_grown(covered, 1)[ring] > 0) < _MIN_COVERED:
+        return False
+    around = np.flatnonzero(layer)[within][ring[y[within], x[within]]]
+    return bool(np.median(upright[around]) <= _UPRIGHT + _ROUNDING)
 
 
 def _grown(cells: NDArray[np.uint8], steps: int) -> NDArray[np.uint8]:
