@@ -315,6 +315,7 @@ def test_wrong_usage_is_one_sentence(arguments, said, capsys):
         (["--up=X"], (1, 0, 0)),
         (["--up", "0", "-1e-2", "-1"], (0, -0.01, -1)),
         (["--up", "0,0,-1"], (0, 0, -1)),
+        (["--up", "0", "0", "-1", "0.5"], (0, 0, -1, 0.5)),
     ],
 )
 def test_up_is_an_axis_wherever_it_stands(given, vector):

@@ -216,7 +216,13 @@ def test_an_up_vector_that_was_found_for_the_scene_is_that_of_its_trims(furnishe
     assert found["source"] == "ground plane" and found["confidence"] >= SURE_CONFIDENCE
     assert trimmed["direction"] == pytest.approx(found["direction"])
     (row,) = csv.DictReader((tmp_path / "found" / "batch.csv").open())
-    assert [float(word) for word in row["up"].split()] == pytest.approx(found["direction"])
+    *direction, confidence = [float(word) for word in row["up"].split()]
+    assert direction == pytest.approx(found["direction"]) and confidence == pytest.approx(found["confidence"], abs=1e-3)
+    command = json.loads((tmp_path / "one" / "report.json").read_text())["command"]
+    assert run(*command, "--output", tmp_path / "again", "--quiet") in (0, 3)
+    again = json.loads((tmp_path / "again" / "report.json").read_text())["objects"][0]["up"]
+    assert again["source"] == "found before" and again["confidence"] == pytest.approx(confidence)
+    assert again["direction"] == pytest.approx(found["direction"])
 
 
 def test_a_batch_trims_what_was_found_in_several_scenes(furnished, tmp_path):

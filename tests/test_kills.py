@@ -149,12 +149,13 @@ VIEW = {"eye": [0, -6, 3], "target": [0, 0, 1], "up": [0, 0, 1], "fov": 1.0, "wi
 class App:
     """The app in a process of its own, and what a tab says to it."""
 
-    def __init__(self, scene, out):
+    def __init__(self, scene, out, started):
         from websockets.sync.client import connect
 
         command = [sys.executable, "-m", "gaussian_trimmer", "view", scene, "--port", "0", "--no-browser", "--quiet"]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
         self.process = subprocess.Popen(command, text=True, cwd=out, **pipes)
+        started.append(self.process)
         address = self.process.stdout.readline().strip()
         assert address.startswith("http://"), self.process.communicate()[1]
         self.ends = ExitStack()
@@ -195,14 +196,23 @@ class App:
         return code, err
 
 
+@pytest.fixture
+def begun():
+    """Processes that a test begins; those that still run in its end are killed."""
+    processes = []
+    yield processes
+    for process in processes:
+        process.kill()
+
+
 @pytest.mark.needs("starlette")
-def test_what_the_app_saves_is_whole_if_it_is_killed(inputs, tmp_path):
+def test_what_the_app_saves_is_whole_if_it_is_killed(inputs, tmp_path, begun):
     def save(out, age):
-        app = App(inputs / "scene.ply", out)
+        app = App(inputs / "scene.ply", out, begun)
         app.save(inputs / f"{age}.npy")
-        begun = time.monotonic()
+        start = time.monotonic()
         app.hear("Saved in")
-        seconds = time.monotonic() - begun
+        seconds = time.monotonic() - start
         assert app.end()[0] == 128 + signal.SIGTERM
         return seconds
 
@@ -213,7 +223,7 @@ def test_what_the_app_saves_is_whole_if_it_is_killed(inputs, tmp_path):
     for number in range(ROUNDS):
         out, before, rng = prepared("app", tmp_path, number, tmp_path / "old")
         killed_by = rng.choice((signal.SIGKILL, signal.SIGKILL, signal.SIGTERM))
-        app = App(inputs / "scene.ply", out)
+        app = App(inputs / "scene.ply", out, begun)
         app.save(inputs / "new.npy")
         wait_to_kill(app.process, out, rng, seconds)
         code, err = app.end(killed_by)

@@ -203,6 +203,9 @@ def test_an_up_vector_that_was_found_is_not_called_given(ball, tmp_path, capsys)
     up = report["objects"][0]["up"]
     assert (up["source"], "--up" in report["command"]) == ("ground plane", True)
     assert 0.4 <= up["confidence"] < 1 and "(given" not in capsys.readouterr().out
+    again = ["trim", "--config", tmp_path / "out" / "report.json", "--output", tmp_path / "again", "--quiet"]
+    assert run(*again) == 0
+    assert json.loads((tmp_path / "again" / "report.json").read_text())["objects"][0]["up"]["source"] == "found before"
 
 
 def test_click_in_a_planned_view(ball, tmp_path, capsys):

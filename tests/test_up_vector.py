@@ -82,6 +82,14 @@ def test_impossible_given_vector(given: tuple[float, ...]) -> None:
         find_up(room()[0], given=given)
 
 
+def test_what_was_found_before_keeps_its_confidence() -> None:
+    found = find_up(room()[0], given=(0, 0, 2, 0.5))
+    assert (found.direction.tolist(), found.source, found.confidence) == ([0, 0, 1], "found before", 0.5)
+    assert found.for_trims() == (0, 0, 1, 0.5)
+    with pytest.raises(InputError, match="a confidence, from 0 to 1"):
+        find_up(room()[0], given=(0, 0, 1, 2))
+
+
 @pytest.mark.parametrize("length", [1e-300, 1e300])
 def test_given_vector_of_any_length(length: float) -> None:
     assert find_up(room()[0], given=(0, length, 0)).direction.tolist() == [0, 1, 0]

@@ -216,23 +216,26 @@ def up_frame(up: Float64Array) -> Float64Array:
     return np.stack([first, np.cross(up, first), up])
 
 
-def vector_of_up(up: Any) -> tuple[float, float, float]:
-    """An up vector from an axis, such as "z" or "-y", or from three numbers.
+def vector_of_up(up: Any) -> tuple[float, ...]:
+    """An up vector from an axis, such as "z" or "-y", or from three numbers; a fourth one is kept.
+
+    That is the confidence of an up vector that was found, from 0 to 1.
 
     Raises:
-        InputError: it is neither, or the numbers are all zero.
+        InputError: it is neither, the three numbers are all zero, or the fourth is no confidence.
 
-    >>> vector_of_up("z"), vector_of_up([0, -2, 0])
-    ((0.0, 0.0, 1.0), (0.0, -2.0, 0.0))
+    >>> vector_of_up("z"), vector_of_up([0, -2, 0, 0.5])
+    ((0.0, 0.0, 1.0), (0.0, -2.0, 0.0, 0.5))
     """
     if isinstance(up, str):
         if not AXIS.fullmatch(up):
             raise InputError(f"The up vector is '{up}'; give x, y, z, -x, -y or -z, or three numbers.")
         size = -1.0 if up.startswith("-") else 1.0
         up = [size if axis == up[-1].lower() else 0.0 for axis in "xyz"]
-    unit_up(up)
-    x, y, z = (float(value) for value in up)
-    return x, y, z
+    if len(up) == 4 and not 0 <= up[3] <= 1:
+        raise InputError(f"The fourth number of an up vector is {up[3]}; it is a confidence, from 0 to 1.")
+    unit_up(up[:3] if len(up) == 4 else up)
+    return tuple(float(value) for value in up)
 
 
 def look_at(position: Float64Array, target: Float64Array, up: Float64Array) -> Float64Array:

@@ -236,7 +236,7 @@ class Parser(argparse.ArgumentParser):
             word = left.pop(0)
             if word == "--up" and left:
                 taken = 1 if AXIS.fullmatch(left[0]) else next(
-                    (i for i, number in enumerate(left[:3]) if not _NUMBER.fullmatch(number)), len(left[:3])
+                    (i for i, number in enumerate(left[:4]) if not _NUMBER.fullmatch(number)), len(left[:4])
                 )  # fmt: skip
                 word = f"--up={','.join(left[: max(taken, 1)])}"
                 del left[: max(taken, 1)]
@@ -272,8 +272,8 @@ class Parser(argparse.ArgumentParser):
         return name, from_words(words, hint, name)
 
 
-def up_vector(words: list[str], where: str) -> tuple[float, float, float]:
-    """Return an up vector from three numbers with commas, or from an axis."""
+def up_vector(words: list[str], where: str) -> tuple[float, ...]:
+    """Return an up vector from three or four numbers with commas, or from an axis."""
     (text,) = words
     try:
         return vector_of_up([float(number) for number in text.split(",")] if "," in text else text)

@@ -42,8 +42,8 @@ _LARGEST: dict[Any, Range] = {int: Range(-(1 << 53), 1 << 53), float: Range(-1e3
 squares can still be computed with."""
 Share = Annotated[float, Range(0, 1)]
 """A part of a whole."""
-_Component = Annotated[float, Range(-1e9, 1e9)]
-Vector = tuple[_Component, _Component, _Component]
+Component = Annotated[float, Range(-1e9, 1e9)]
+Vector = tuple[Component, Component, Component]
 """A direction, of any length."""
 Weight = Annotated[float, Range(0, 1000)]
 """How much something counts beside something else; 0: not at all."""

@@ -128,7 +128,8 @@ def _stated_up(header: Header) -> tuple[float, float, float] | None:
     if found is None or found[1].lower() == "y":
         return None
     try:
-        return vector_of_up(found[1] if len(found[1].split()) == 1 else [float(word) for word in found[1].split()])
+        x, y, z = vector_of_up(found[1] if len(found[1].split()) == 1 else [float(word) for word in found[1].split()])
+        return x, y, z
     except ValueError:  # InputErrors are such, too
         return None
 

@@ -8,7 +8,7 @@ from functools import reduce
 from typing import Annotated, Any, Literal
 
 from gaussian_trimmer.cameras import vector_of_up
-from gaussian_trimmer.settings import Range, Vector, from_plain
+from gaussian_trimmer.settings import Component, Range, from_plain
 from gaussian_trimmer.trimming.acceptance import AcceptanceConfig
 from gaussian_trimmer.trimming.evidence import EvidenceConfig
 from gaussian_trimmer.trimming.label_crf import LabelCrfConfig
@@ -42,8 +42,9 @@ class SplitConfig:
 class TrimConfig:
     """Every setting of the trimmer, by stage."""
 
-    up: Vector | None = None
-    """Which way is up. By default it is found from the cameras, or else from the ground."""
+    up: tuple[Component, ...] | None = None
+    """Which way is up. By default it is found from the cameras, or else from the ground. A fourth number is the
+    confidence of an up vector that was found."""
     plan: PlanConfig = field(default_factory=PlanConfig)
     context_radius: Annotated[float, Range(0, 100)] = CONTEXT_RADIUS
     """Gaussians within this many object radii of the object are rendered with it (eq. 7); 0: none."""

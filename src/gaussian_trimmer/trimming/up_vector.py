@@ -68,7 +68,8 @@ class UpVector:
     direction: Float64Array
     """Unit vector in the world, (3,)."""
     source: str
-    """One of: given, camera file, camera axes, mean camera up, ground plane, floor, file format, default."""
+    """One of: given, found before, camera file, camera axes, mean camera up, ground plane, floor, file format,
+    default."""
     confidence: float
     """From 0 (a guess) to 1: agreement of the cameras, or share of the Gaussians that lie on the plane, or on two
     planes that agree."""
@@ -78,10 +79,14 @@ class UpVector:
         """Whether it need not be looked at."""
         return self.confidence >= SURE_CONFIDENCE
 
-    def for_trims(self) -> tuple[float, float, float] | None:
-        """Return what trims of the scene are given; None if it is a guess, or if the cameras tell it again."""
-        told_again = self.source in ("camera file", "camera axes")
-        return vector_of_up(self.direction) if self.is_sure and not told_again else None
+    def for_trims(self) -> tuple[float, ...] | None:
+        """Return what trims of the scene are given, with the confidence of what was found.
+
+        None if it is a guess, or if the cameras tell it again.
+        """
+        if not self.is_sure or self.source in ("camera file", "camera axes"):
+            return None
+        return vector_of_up([*self.direction, *([] if self.source == "given" else [round(self.confidence, 3)])])
 
     def doubt(self) -> str | None:
         """Return what to do if it is little more than a guess, a sentence: the opposite is the usual truth.
@@ -126,7 +131,8 @@ def find_up(
     with confidence 0.
 
     Args:
-        given: any non-zero vector (3,), an axis, "z" or "-y", or what was found before.
+        given: any non-zero vector (3,), an axis, "z" or "-y", or what was found before, also as a vector and its
+            confidence, (4,).
         object_rows: the Gaussians of the object, (N,), whose support plane is then searched.
 
     Raises:
@@ -135,7 +141,8 @@ def find_up(
     if isinstance(given, UpVector):
         return given
     if given is not None:
-        return UpVector(unit_up(vector_of_up(given)), "given", 1.0)
+        x, y, z, *confidence = vector_of_up(given)
+        return UpVector(unit_up((x, y, z)), "found before" if confidence else "given", *confidence or (1.0,))
     if cameras is not None and cameras.up is not None:
         return UpVector(unit_up(cameras.up), "camera file", 1.0)
     found = up_from_cameras(cameras.cameras) if cameras is not None else None
