@@ -82,23 +82,22 @@ def _measure(scene: BenchmarkScene) -> Iterator[Row]:
         camera, mask = best_view(scene, name)
         clicks[name] = *middle_of(mask), camera
 
-    def shares(marks: list[Mark], *names: str) -> list[float]:
+    def shares(marks: list[Mark]) -> dict[str, float] | None:
         try:
             selected = select(scene.gaussians, marks, cameras=cameras, up=up).mask
-        except InputError:  # what is not selected cannot be taken away, or nothing is left
-            return [0.0 for _ in names]
-        return [float(selected[own[name]].mean()) for name in names]
+        except InputError:  # what does not show as selected cannot be clicked away
+            return None
+        return {name: float(selected[rows].mean()) for name, rows in own.items()}
 
     for meant in scene.objects:
         first = Click(*clicks[meant])
-        found = dict(zip(scene.objects, shares([first], *scene.objects), strict=True))
+        found = shares([first]) or dict.fromkeys(own, 0.0)
         for other in scene.objects:
             if other == meant:
                 continue
-            kept, left = found[meant], found[other]
-            if left >= _MAX_LEFT:
-                kept, left = shares([first, Click(*clicks[other], "remove")], meant, other)
-            yield Row(scene.name, meant, other, found[other], kept, left)
+            along = found[other] >= _MAX_LEFT
+            after = (shares([first, Click(*clicks[other], "remove")]) if along else None) or found
+            yield Row(scene.name, meant, other, found[other], after[meant], after[other])
 
 
 def _own_rows(selections: dict[str, BoolArray]) -> dict[str, BoolArray]:

@@ -225,6 +225,15 @@ def test_a_click_takes_a_tall_thing_with_its_upper_part():
     assert toy.jaccard(mask_of_rows(thing, len(scene)), part == 3) > 0.8
 
 
+def test_a_click_on_what_near_looks_show_in_part_looks_farther(monkeypatch):
+    scene, part = room.scene_of(room.floor(), *furniture())
+    monkeypatch.setattr(find, "tile_sides", lambda storey, heights: (4.0, 0.9, 0.7))  # no thing fits in a smaller one
+    middle = scene.means[part == 1].mean(axis=0).astype(np.float64)
+    seen = (np.linalg.norm(scene.means - middle, axis=1) < 0.6).astype(np.float32) * (part == 1)
+    [thing, *_] = find.ThingsAtPoints(scene, UP).at(middle, seen)
+    assert toy.jaccard(mask_of_rows(thing, len(scene)), part == 1) > 0.8
+
+
 def test_furniture_is_found_below_its_ceiling(monkeypatch):
     scene, part = room.scene_of(room.floor(), ceiling(2.6), *furniture())
     monkeypatch.setattr(find, "tile_sides", lambda storey, heights: (6.0, 4.5))

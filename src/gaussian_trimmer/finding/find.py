@@ -130,13 +130,13 @@ class ThingsAtPoints:
         """Return the objects at a point, the rows of each, ascending.
 
         The first is the one that the looks agree on most, then come the next larger one, the next smaller one, and so
-        on.
+        on. Where no more agree than are found in one tile, as in that of a sofa's cushions, a larger one is looked at.
 
         Args:
             point: a point on what is meant, (3,).
             seen: weight of each Gaussian in what is seen there, (N,).
         """
-        x, y, heights, storey, sides = self._plan
+        x, y, heights, storey, (largest, *smaller) = self._plan
         height, top = float(self.up @ point), storey.head_height
         if storey.ceiling is not None:
             top = (height + storey.ceiling) / 2
@@ -145,36 +145,40 @@ class ThingsAtPoints:
             return []
         middle = up_frame(self.up)[:2] @ point
         distance = np.maximum(np.abs(x - middle[0]), np.abs(y - middle[1]))
-        looked_at = np.where(below, distance, np.inf)
-        reach = [side / 2 for side in sides[1:]]  # the smaller ones: what is meant is seen nearby
-        rows = np.flatnonzero(looked_at <= max(reach))
-        near, config = self.scene.select(rows), close_config(FindConfig())
-        tiles = [Tile(middle - r, 2 * r, np.flatnonzero(looked_at[rows] <= r)) for r in reach]
-        looked = [(tile, look) for tile in tiles if (look := look_at_tile(near, tile, self.up)) is not None]
-        if not looked:
+        looked_at, weight = np.where(below, distance, np.inf), seen / max(float(seen.sum()), 1e-9)
+
+        def found_in(sides: Sequence[float]) -> list[Candidate]:
+            rows, config = np.flatnonzero(looked_at <= max(sides) / 2), close_config(FindConfig())
+            near = self.scene.select(rows)
+            tiles = [Tile(middle - side / 2, side, np.flatnonzero(looked_at[rows] <= side / 2)) for side in sides]
+            looked = [(tile, look) for tile in tiles if (look := look_at_tile(near, tile, self.up)) is not None]
+            if not looked:
+                return []
+            measured = measure(near, [look for _, look in looked])
+            found = parallel_map(lambda one: candidates_in_tile(near, *one, measured, self.up, top, config), looked)
+            things = [replace(one, rows=rows[one.rows]) for of_tile in found for one in of_tile]
+            return [one for one in things if weight[one.rows].sum() > _MIN_SEEN]
+
+        found = found_in(smaller)  # what is meant is seen nearby
+        agreed, alike = most_agreed_on(found, len(self.scene))
+        if alike <= len(_LEVELS):
+            agreed, _ = most_agreed_on([*found, *found_in([largest])], len(self.scene))
+        if not agreed:
             return []
-        measured, weight = measure(near, [look for _, look in looked]), seen[rows] / max(float(seen.sum()), 1e-9)
-
-        def candidates_in(tile: Tile, look: Look) -> list[Candidate]:
-            return candidates_in_tile(near, tile, look, measured, self.up, top, config)
-
-        found_in = parallel_map(candidates_in, *zip(*looked, strict=True))
-        found = [one for of_tile in found_in for one in of_tile if weight[one.rows].sum() > _MIN_SEEN]
-        around = np.flatnonzero(distance <= max(reach))
+        around = np.flatnonzero(distance <= largest / 2)
         tall = TallThings(self.scene.select(around), self.up, storey, top)
 
         def whole(one: Candidate) -> IntArray:
             """Return the rows of a thing, with what was cut off it."""
-            thing = rows[one.rows]
-            if not one.cut_off or tall.reaches_ceiling(np.searchsorted(around, thing)):
-                return thing
-            return around[np.flatnonzero(tall.grown(np.isin(around, thing).astype(np.int64), [1]))]
+            if not one.cut_off or tall.reaches_ceiling(np.searchsorted(around, one.rows)):
+                return one.rows
+            return around[np.flatnonzero(tall.grown(np.isin(around, one.rows).astype(np.int64), [1]))]
 
-        first, *others = [whole(one) for one in most_agreed_on(found, len(rows))] or [rows[:0]]
+        first, *others = map(whole, agreed)
         larger = sorted((one for one in others if len(one) > len(first)), key=len)
-        smaller = sorted((one for one in others if len(one) <= len(first)), key=len, reverse=True)
-        in_turn = chain.from_iterable(zip_longest(larger, smaller))
-        return [one for one in (first, *in_turn) if one is not None and len(one)]
+        lesser = sorted((one for one in others if len(one) <= len(first)), key=len, reverse=True)
+        in_turn = chain.from_iterable(zip_longest(larger, lesser))
+        return [one for one in (first, *in_turn) if one is not None]
 
     @property
     def needed(self) -> bool:

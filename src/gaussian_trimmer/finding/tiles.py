@@ -223,15 +223,17 @@ def choose_objects(
     return found
 
 
-def most_agreed_on(candidates: Sequence[Candidate], size: int) -> list[Candidate]:
+def most_agreed_on(candidates: Sequence[Candidate], size: int) -> tuple[list[Candidate], int]:
     """Order candidates by how many are alike, smaller ones first among equals; one of those that are alike is kept.
+
+    Also return how many are alike with the first one, itself among them; zero without candidates.
 
     Args:
         candidates: of tiles around one place.
         size: number of Gaussians of the scene, N.
     """
     if not candidates:
-        return []
+        return [], 0
     alike = _alike(_common(candidates, size))
     counts = np.asarray(alike.sum(axis=1)).ravel()
     lengths = np.array([len(candidate.rows) for candidate in candidates])
@@ -240,7 +242,7 @@ def most_agreed_on(candidates: Sequence[Candidate], size: int) -> list[Candidate
         if left[place]:
             kept.append(candidates[place])
             left[alike[place].indices] = False
-    return kept
+    return kept, int(counts.max())
 
 
 def _agreed(candidate: Candidate, rows: IntArray, count: int, confidence: float) -> Candidate:
