@@ -1,5 +1,6 @@
 """Files as people have them, after reports that they filed: each reads as what its maker meant, or is told why not."""
 
+import json
 import subprocess
 import sys
 
@@ -8,11 +9,14 @@ import pytest
 import toy
 from format_samples import sample
 from fuzz.torch_archives import Raw, named, torch_file
+from test_camera_files import random_cameras, write_colmap_binary
 
 from gaussian_trimmer import formats
+from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.output.saving import save
-from gaussian_trimmer.selection_files import load_selection
+from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 from gaussian_trimmer.trimming.trim import trim, trim_objects
 from gaussian_trimmer.trimming.up_vector import find_up
 
@@ -246,3 +250,55 @@ def test_what_gaussians_were_trained_as_is_carried_or_said_to_be_lost(tmp_path, 
     lost = f"Gaussians are {model}" in formats.losses(scene, suffix, ".ply")
     assert lost == (suffix in {"antialiased": (".splat", ".glb"), "2dgs": (".splat", ".glb", ".spz")}.get(model, ()))
     assert formats.read(tmp_path / f"b{suffix}").model == ("default" if lost else model)
+
+
+def test_surfels_without_a_third_scale_are_2dgs_and_are_written_so(tmp_path):
+    gaussians = sample(N, 1)
+    table = {name: column for name, column in columns(gaussians).items() if name != "scale_2"}
+    scene = formats.read(write_ply(tmp_path / "a.ply", table))
+    assert scene.model == "2dgs"
+    np.testing.assert_allclose(scene.log_scales[:, :2], gaussians.log_scales[:, :2])
+    assert (scene.scales[:, 2] < 0.01 * scene.scales[:, :2].min(axis=1)).all()
+    formats.convert(tmp_path / "a.ply", tmp_path / "b.ply")
+    assert b"SplatRenderMode: 2dgs" in (tmp_path / "b.ply").read_bytes()[:500]
+
+
+def test_giants_far_away_move_neither_up_nor_the_cut(tmp_path):
+    scene, ball = toy.ball_on_floor()
+    giants = toy.gaussians([[0, 0, 500], [800, 0, 0]], (400.0,) * 3, toy.WHITE, 0.002)
+    rough = np.pad(toy.dilated(scene, ball), (0, 2))
+    before, after = (trim(each, rough[: len(each)], up=toy.UP) for each in (scene, concatenate([scene, giants])))
+    same = before.object_mask == after.object_mask[: len(scene)]
+    assert same.mean() > 0.999 and not after.object_mask[len(scene) :].any()
+
+
+@pytest.mark.parametrize("kind", ["int", "float"])
+def test_an_object_of_a_column_of_instances(tmp_path, kind):
+    ids = np.where(np.arange(N) % 3 == 0, 3, np.where(np.arange(N) % 3 == 1, 7, 0)).astype(np.float32)
+    table = columns(sample(N, 1)) | {"instance_id": ids if kind == "float" else ids.astype("<i4").view(np.float32)}
+    write_ply(tmp_path / "a.ply", table)
+    data = (tmp_path / "a.ply").read_bytes().replace(b"float instance_id", f"{kind} instance_id".encode())
+    (tmp_path / "a.ply").write_bytes(data)
+    options = SelectionOptions(property="instance_id", object_id=(7,))
+    assert load_selection(tmp_path / "a.ply", sample(N, 1), options).tolist() == (ids == 7).tolist()
+
+
+def test_rigs_and_frames_beside_the_images_of_colmap_change_nothing(tmp_path):
+    cameras = random_cameras(3)
+    write_colmap_binary(cameras, tmp_path)
+    alone = read_camera_set(tmp_path)
+    (tmp_path / "rigs.bin").write_bytes(bytes(32))
+    (tmp_path / "frames.bin").write_bytes(bytes(32))
+    (tmp_path / "points3D.bin").write_bytes(bytes(8))
+    for one, other in zip(alone.cameras, read_camera_set(tmp_path).cameras, strict=True):
+        assert one.name == other.name and (one.world_to_camera == other.world_to_camera).all()
+
+
+def test_frames_of_a_transforms_json_with_lenses_of_their_own_and_paths_of_windows(tmp_path):
+    one, other = {"fl_x": 500.0, "fl_y": 500.0, "cx": 32.0, "cy": 24.0}, {"fl_x": 600.0, "fl_y": 600.0}
+    pose = {"transform_matrix": np.eye(4).tolist(), "w": 64, "h": 48}
+    frames = [{**pose, **one, "k1": 0, "file_path": ".\\images\\a.png"}, {**pose, **one, **other, "file_path": "b.png"}]
+    (tmp_path / "transforms.json").write_text(json.dumps({"camera_model": "OPENCV", "frames": frames}))
+    found = read_camera_set(tmp_path / "transforms.json").pinhole_cameras()
+    assert [camera.K[0, 0] for camera in found] == [500, 600]
+    assert [camera.name.replace("\\", "/").rpartition("/")[2] for camera in found] == ["a.png", "b.png"]
