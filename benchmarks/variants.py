@@ -62,6 +62,7 @@ def _ablated(prefix: str, base: TrimConfig, sam: SamModel | None = None, paper: 
         "no-background": changed(context_radius=0.0),
         "neither": changed(REAL_VIEWS, context_radius=0.0),
         "principal-axis-split": changed(split=SplitConfig("principal_axis")),
+        "centroid-split": changed(split=SplitConfig("centroid")),
         "sagd-split": changed(split=SplitConfig("sagd")),
         "plane-split": changed(split=SplitConfig("plane")),
         "no-split": changed(split=SplitConfig("none")),

@@ -1,5 +1,7 @@
 """Pictures of views, and of the object before and after."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -48,6 +50,13 @@ def test_rejected_view_is_framed_and_gives_the_reason():
     assert good[0, 40].max() == 0
     assert bad[0, 40, 2] > 200
     assert not np.array_equal(good[-20:], bad[-20:])
+
+
+def test_what_stands_before_the_object_is_told():
+    free = view(square(30, 60), square(30, 60))
+    behind = replace(free, view=replace(free.view, hidden=square(30, 50)))
+    assert behind.view.hidden_share == pytest.approx(4 / 9)
+    assert not np.array_equal(draw_view(free, 0)[SIZE:], draw_view(behind, 0)[SIZE:])
 
 
 def test_long_reasons_are_made_to_fit():

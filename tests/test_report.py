@@ -64,6 +64,7 @@ def test_report_says_how_it_came_about(trimmed, written):
     assert len(entry["views"]) == 5
     for listed, view in zip(entry["views"], trimmed.objects[0].views, strict=True):
         assert listed["accepted"] == (not view.rejected)
+        assert listed["hidden"] == round(view.view.hidden_share, 3)
         assert listed["judged"] == view.judged
         np.testing.assert_allclose(listed["world_to_camera"], view.view.camera.world_to_camera)
 

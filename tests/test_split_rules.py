@@ -12,6 +12,7 @@ from gaussian_trimmer.gaussians import Gaussians, concatenate, logit, quaternion
 from gaussian_trimmer.geometry.split import (
     PROFILE_POWER,
     SPLIT_RULES,
+    split_at_centroid,
     split_plane,
     split_principal_axis,
     split_sagd,
@@ -239,6 +240,16 @@ def test_principal_axis_by_hand():
     np.testing.assert_allclose([inside.opacities, outside.opacities], 0.7, rtol=1e-6)
     inside, outside = split_principal_axis(along_x(), X, np.array([-1.49]))  # neither gets less than a twentieth
     np.testing.assert_allclose([inside.scales[0, 0], outside.scales[0, 0]], [0.1, 1.9], rtol=1e-5)
+
+
+def test_at_the_centroid_both_children_have_half_of_the_axis_wherever_it_is_cut():
+    for offset in (0.5, -1.2):
+        inside, outside = split_at_centroid(along_x(), X, np.array([offset]))
+        np.testing.assert_allclose(inside.means, [[1.5, 0, 0]], atol=1e-6)
+        np.testing.assert_allclose(outside.means, [[-1.5, 0, 0]], atol=1e-6)
+        np.testing.assert_allclose([*inside.scales, *outside.scales], [[1, 0.5, 0.1]] * 2, rtol=1e-6)
+    whole, empty = split_at_centroid(along_x(), X, np.array([1.6]))
+    assert (whole.means == along_x().means).all() and empty.opacities[0] < 1e-6
 
 
 @pytest.mark.parametrize(("normal", "offset"), [(X, 1.6), (np.array([[0.0, 1.0, 0.0]]), 0.2)])

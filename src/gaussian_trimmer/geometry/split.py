@@ -89,7 +89,21 @@ def split_principal_axis(
     Returns:
         The inside and the outside children.
     """
+    return _halves(gaussians, *_cut_axes(gaussians, normals, offsets))
+
+
+def split_at_centroid(
+    gaussians: Gaussians, normals: Float64Array, offsets: Float64Array
+) -> tuple[Gaussians, Gaussians | None]:
+    """Return children as `split_principal_axis` does, with a lambda of 1/2: "at its centroid", as the paper says."""
     axes, lengths, shares = _cut_axes(gaussians, normals, offsets)
+    return _halves(gaussians, axes, lengths, np.where((shares > 0) & (shares < 1), 0.5, shares))
+
+
+def _halves(
+    gaussians: Gaussians, axes: Float64Array, lengths: Float64Array, shares: Float64Array
+) -> tuple[Gaussians, Gaussians]:
+    """Return what lies on both sides of a cut through the longest axes, as `_cut_axes` describes it."""
     longest = np.arange(3) == np.argmax(gaussians.log_scales, axis=1)[:, None]  # (M, 3)
     inside = _shorten(gaussians, axes, lengths, shares, np.where(longest, shares[:, None], 1.0))
     outside = _shorten(gaussians, -axes, lengths, 1 - shares, np.where(longest, 1 - shares[:, None], 1.0))
@@ -115,6 +129,7 @@ def split_sagd(
 SPLIT_RULES: Mapping[str, SplitRule] = {
     "plane": split_plane,
     "principal_axis": split_principal_axis,
+    "centroid": split_at_centroid,
     "sagd": split_sagd,
 }
 """Every rule by the name that the command line uses."""

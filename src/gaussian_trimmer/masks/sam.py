@@ -117,16 +117,25 @@ def _expected(model: OnnxSam, views: Sequence[View], progress: Progress) -> list
         progress(f"segment {number + 1} of {len(views)}")
         prompt, found = prompt_of(view.object_prior), np.full((1, *view.alpha.shape), -1, np.float32)
         if prompt is not None:
-            found = model.propose(view.rgb, prompt)[0]
-        logits.append(max(found, key=lambda of_one, view=view: agreement(of_one > 0, view.object_prior)))  # type: ignore[misc]
+            found = model.propose(view.rgb, prompt)
+        logits.append(_most_like(found, view.object_prior))
     return logits
 
 
-def _followed(model: OnnxSam, views: Sequence[View], shown: Gaussians, progress: Progress) -> list[FloatArray]:
-    """Return the masks that the model scores highest, followed from the first view, as logits (H, W) of each view.
+def _most_like(found: FloatArray, expected: FloatArray) -> FloatArray:
+    """Return which of the masks that a model proposes, logits (K, H, W), agrees best with what is expected, (H, W).
 
-    One that is accepted gives each Gaussian the weight that it has inside and outside of it. A further view is prompted
-    with the shares that follow, and by the labels where it shows what no earlier view has shown.
+    The model's own scores prefer parts of an object to all of it, such as a bottle without its label.
+    """
+    return max(found, key=lambda logits: agreement(logits > 0, expected))
+
+
+def _followed(model: OnnxSam, views: Sequence[View], shown: Gaussians, progress: Progress) -> list[FloatArray]:
+    """Return the masks that agree best with what is expected, followed from the first view, as logits (H, W) of each.
+
+    At first that is what the labels say. One that is accepted gives each Gaussian the weight that it has inside and
+    outside of it. A further view is prompted with the shares that follow, and by the labels where it shows what no
+    earlier view has shown.
     """
     weights, logits = np.zeros((len(shown), 2), np.float32), list[FloatArray]()
     for number, view in enumerate(views):
@@ -138,8 +147,7 @@ def _followed(model: OnnxSam, views: Sequence[View], shown: Gaussians, progress:
         if prompt is None:
             logits.append(np.full(view.alpha.shape, -1, np.float32))
             continue
-        found, scores = model.propose(view.rgb, prompt)
-        logits.append(found[int(np.argmax(scores))])
+        logits.append(_most_like(model.propose(view.rgb, prompt), expected))
         mask = logits[-1] > 0
         if mask.any() and (not known or mask_overlap(mask, expected > HALF) >= _FOLLOWED):
             weights += blend_weights(shown, view.camera, mask.astype(np.uint8), 2)

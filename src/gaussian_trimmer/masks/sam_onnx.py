@@ -35,7 +35,7 @@ IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
 """Mean and standard deviation of the colours that these models were trained on."""
 _PROMPTS = ("point_coords", "point_labels", "mask_input", "has_mask_input")
 _SIZE = "orig_im_size"
-_MASKS, _SCORES = ("low_res_masks", "masks"), "iou_predictions"
+_MASKS = ("low_res_masks", "masks")
 _USUAL_SIDE = 1024
 """Side in pixels of the square that pictures are scaled to, where an export leaves it open."""
 _WHERE = "docs/sam.md says where models come from"
@@ -82,15 +82,12 @@ class OnnxSam:
         side = self._image.shape[2]
         self.side = side if isinstance(side, int) else _USUAL_SIDE
 
-    def propose(self, rgb: FloatArray, prompt: Prompt) -> tuple[FloatArray, FloatArray]:
-        """Return the masks that the model proposes for a prompt in a picture, and its estimates of their quality.
+    def propose(self, rgb: FloatArray, prompt: Prompt) -> FloatArray:
+        """Return the masks that the model proposes for a prompt in a picture: logits above zero on it, (K, H, W).
 
         Args:
             rgb: the picture, (H, W, 3) in [0, 1]; values outside are clipped.
             prompt: what is known of the object.
-
-        Returns:
-            Logits above zero on the object, (K, H, W), and expected intersections over union, (K,).
 
         Raises:
             InputError: the model cannot be run on it, or gives something else than masks.
@@ -98,14 +95,14 @@ class OnnxSam:
         height, width = rgb.shape[:2]
         features = self._run(self._encoder, self._encoder_path, self._features, {self._image.name: self._pixels(rgb)})
         feeds = dict(zip(self._features, features, strict=True)) | self._prompt_feeds(width, height, prompt)
-        masks, scores = self._run(self._decoder, self._decoder_path, [self._masks, _SCORES], feeds)
-        masks, scores = masks.reshape(-1, *masks.shape[-2:]), np.nan_to_num(scores.ravel())
-        if not len(masks) == len(scores) > 0 or not masks.size or not np.isfinite(masks).all():
+        (masks,) = self._run(self._decoder, self._decoder_path, [self._masks], feeds)
+        masks = masks.reshape(-1, *masks.shape[-2:])
+        if not masks.size or not np.isfinite(masks).all():
             raise InputError(
-                f"The decoder '{self._decoder_path}' gives masks {masks.shape} and {len(scores)} scores; finite "
-                "numbers and a score for each mask are needed."
+                f"The decoder '{self._decoder_path}' gives masks {masks.shape} that are not finite numbers; another "
+                "export is needed."
             )
-        return self._at_picture_size(masks, width, height), scores
+        return self._at_picture_size(masks, width, height)
 
     def _load(self, path: Path) -> Any:
         options = self._runtime.SessionOptions()
@@ -130,7 +127,7 @@ class OnnxSam:
         if len(self._encoder.get_inputs()) != 1 or len(self._image.shape) != 4:
             found = ", ".join(f"{node.name} {node.shape}" for node in self._encoder.get_inputs())
             raise InputError(f"'{self._encoder_path}' is not an encoder of a picture: it takes {found}.")
-        if not self._masks or _SCORES not in outputs or not self._features or not {*_PROMPTS} <= {*self._inputs}:
+        if not self._masks or not self._features or not {*_PROMPTS} <= {*self._inputs}:
             raise InputError(
                 f"'{self._decoder_path}' is not a decoder of the SAM family as the original code exports it: it takes "
                 f"{', '.join(self._inputs)}, and gives {', '.join(outputs)}. {_WHERE[0].upper()}{_WHERE[1:]}."

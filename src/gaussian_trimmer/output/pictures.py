@@ -73,7 +73,9 @@ def draw_view(view: TrimmedView, number: int) -> Picture:
         _frame(picture)
     mask_colour = _REJECTED_COLOUR if view.rejected else _MASK_COLOUR
     legend = [(f"view {number}", _TEXT_COLOUR), ("selection", _SELECTION_COLOUR), ("mask", mask_colour)]
+    hidden = round(100 * view.view.hidden_share)
     approval = "accepted" if view.judged else "not judged"
+    approval += f"; {hidden} % of the object is behind something nearer" if hidden else ""
     verdict = [(f"rejected: {view.rejected}", _REJECTED_COLOUR)] if view.rejected else [(approval, _TEXT_COLOUR)]
     return np.vstack([picture, _strip(legend, picture.shape[1]), _strip(verdict, picture.shape[1])])
 

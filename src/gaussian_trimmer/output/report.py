@@ -153,6 +153,7 @@ def _describe_object(result: TrimResult, part: TrimmedObject, labels: LabelArray
                 "accepted": not view.rejected,
                 "judged": view.judged,
                 "reason": view.rejected or None,
+                "hidden": round(view.view.hidden_share, 3),
                 **_describe_camera(view.view.camera),
             }
             for view in part.views

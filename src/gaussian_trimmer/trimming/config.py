@@ -33,8 +33,9 @@ class BoundaryConfig:
 class SplitConfig:
     """What is done with Gaussians that straddle the boundary."""
 
-    rule: Literal["plane", "principal_axis", "sagd", "none"] = "none"
-    """`plane`: cut at the silhouette; `principal_axis`: eqs. 8 and 9 of the paper; `sagd`: SAGD's single, smaller
+    rule: Literal["plane", "principal_axis", "centroid", "sagd", "none"] = "none"
+    """`plane`: cut at the silhouette; `principal_axis`: eqs. 8 and 9 of the paper, where the silhouette crosses the
+    axis; `centroid`: the same at the middle of the axis, as the paper's text says; `sagd`: SAGD's single, smaller
     child; `none`: no Gaussian is split."""
 
 
