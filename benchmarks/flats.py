@@ -11,6 +11,7 @@ its Gaussians are compared as well. For each flat the plan that `objects` draws 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,15 +23,19 @@ from rooms import bookcase, cabinet, discs, lamp, picture, plant
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.found import SURE
 from gaussian_trimmer.finding.saving import draw_plan
-from gaussian_trimmer.gaussians import Float64Array, Gaussians, IntArray, concatenate
+from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, Gaussians, IntArray, concatenate
 from gaussian_trimmer.output.pictures import write_picture
 
 _HEIGHT, _DOOR_HEIGHT, _DOOR_WIDTH, _WALL = 2.6, 2.05, 0.9, 0.1
 _THINNED = 0.012, 0.045
 """Spacings between which that of the Gaussians is searched."""
-_FLOATERS = 0.01
+_FLOATERS, _MEAN_LOGIT = 0.01, 2.5
 _MIN_FOOTPRINT_IOU = 0.4
 _ENDS = (3, 97)
+
+
+Furniture = list[Part]
+"""Bodies about a place on the floor; the front is +y."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +44,32 @@ class Flat:
 
     gaussians: Gaussians
     labels: IntArray
-    names: tuple[str, ...]
+    shell: list[Part]
+    things: dict[str, Furniture]
+    spacing: float
+    """About how far its Gaussians are apart."""
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.things)
 
-Furniture = list[Part]
-"""Bodies about a place on the floor; the front is +y."""
+    def without(self, number: int) -> Gaussians:
+        """The flat as it would be without a thing: its shadow is gone, and what it covers is there."""
+        stays, rng = self.labels != number, np.random.default_rng(number)
+        rest, own = self.gaussians.select(stays), list(self.things.values())[number - 1]
+        others = [part for name, parts in self.things.items() if name != self.names[number - 1] for part in parts]
+        points = rest.means.astype(np.float64)
+        lit = np.where(self.labels[stays] == 0, _shadow(points, others) / _shadow(points, [*others, *own]), 1)
+        rest = rest.replace(sh_dc=(((0.5 + SH_C0 * rest.sh_dc) * lit[:, None] - 0.5) / SH_C0).astype(np.float32))
+        covered = [rest]
+        for part in self.shell:
+            where, facing = part.sample(self.spacing, rng)
+            hidden = _within(where, facing, own) & ~_within(where, facing, others)
+            where, facing = where[hidden], facing[hidden]
+            colours = part.texture(where) * (_shade(facing) * _shadow(where, others))[:, None]
+            new = discs(where, facing, colours, np.full(len(where), self.spacing))
+            covered.append(new.replace(opacity_logits=np.full(len(where), _MEAN_LOGIT)))
+        return concatenate(covered)
 
 
 def _legs(width: float, depth: float, height: float, wood: Texture, thick: float = 0.05) -> Furniture:
@@ -282,15 +308,10 @@ def _covered(shell: list[Part], things: dict[str, Furniture], spacing: float, rn
     for part, owner in bodies:
         own = spacing * rng.uniform(0.8, 1.2)
         where, facing = part.sample(own, rng)
-        within = np.zeros(len(where), np.bool_)
-        for other in solid if owner == 0 else things[list(things)[owner - 1]]:
-            within |= (other is not part) & (other.shape == "box") & (other.distance(where + 1e-3 * facing) <= 0)
-        keep = ~within
+        bodies_there = solid if owner == 0 else things[list(things)[owner - 1]]
+        keep = ~_within(where, facing, [other for other in bodies_there if other is not part])
         where, facing = where[keep], facing[keep]
-        shade = 0.72 + 0.28 * np.maximum(facing @ np.array([0.35, 0.3, 0.88]), 0)
-        if owner == 0:
-            distance = np.min([thing.distance(where) for thing in solid], axis=0)
-            shade = shade * (1 - 0.5 * np.exp(-distance / 0.07))
+        shade = _shade(facing) * (_shadow(where, solid) if owner == 0 else 1)
         points.append(where + facing * rng.normal(0, 0.08 * own, (len(where), 1)))
         normals.append(facing)
         colours.append(part.texture(where) * shade[:, None] + rng.normal(0, 0.02, where.shape))
@@ -298,14 +319,33 @@ def _covered(shell: list[Part], things: dict[str, Furniture], spacing: float, rn
         owners.append(np.full(len(where), owner))
     gaussians = discs(*(np.concatenate(each) for each in (points, normals, colours, spacings)))
     owner_of = np.concatenate(owners)
-    gaussians = gaussians.replace(opacity_logits=rng.normal(2.5, 1.2, len(owner_of)))
+    gaussians = gaussians.replace(opacity_logits=rng.normal(_MEAN_LOGIT, 1.2, len(owner_of)))
     n = int(_FLOATERS * len(owner_of))
     low, high = gaussians.means.min(axis=0), gaussians.means.max(axis=0)
     stray = discs(
         rng.uniform(low, high, (n, 3)), _directions(n, rng), rng.uniform(0.2, 0.8, (n, 3)), np.full(n, 3 * spacing)
     )
     stray = stray.replace(opacity_logits=rng.normal(-2.5, 1, n))
-    return Flat(concatenate([gaussians, stray]), np.concatenate([owner_of, np.zeros(n, np.int64)]), tuple(things))
+    owner_of = np.concatenate([owner_of, np.zeros(n, np.int64)])
+    return Flat(concatenate([gaussians, stray]), owner_of, shell, things, spacing)
+
+
+def _within(points: Float64Array, facing: Float64Array, parts: Sequence[Part]) -> BoolArray:
+    """Which points of surfaces lie in one of some boxes, (N,)."""
+    within = np.zeros(len(points), np.bool_)
+    for part in parts:
+        within |= (part.shape == "box") & (part.distance(points + 1e-3 * facing) <= 0)
+    return within
+
+
+def _shade(facing: Float64Array) -> Float64Array:
+    return np.asarray(0.72 + 0.28 * np.maximum(facing @ np.array([0.35, 0.3, 0.88]), 0))
+
+
+def _shadow(points: Float64Array, parts: Sequence[Part]) -> Float64Array:
+    """How bright walls and floor are near to things, (N,)."""
+    distance = np.min([part.distance(points) for part in parts], axis=0)
+    return np.asarray(1 - 0.5 * np.exp(-distance / 0.07))
 
 
 def _directions(n: int, rng: np.random.Generator) -> Float64Array:
