@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, concatenate
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.removal.inpainting import made_up
 from gaussian_trimmer.removal.shift_map import inpaint_shift_map, shifted
@@ -98,8 +98,11 @@ def close_gaps(views: RemovalViews, background: Gaussians) -> Gaussians:
             sight = sight._replace(rest=render(concatenate([background, new]), sight.camera))
         hole, known = sight.gap(views.bounds.radius) if sight.open.any() else (sight.open, sight.open)
         if hole.any() and known.any():
-            found = _continued(sight, hole, known, target)
-            new = concatenate([new, found.select(~_contradicted(found.means, sights))])
+            found, gap = _continued(sight, hole, known, target)
+            past = _contradicted(found.means, sights)
+            # A gap that views mostly see past is none: what they do not happen to see past would hang in the air.
+            wrong = np.bincount(gap, past) > HALF * np.bincount(gap)
+            new = concatenate([new, found.select(~(past | wrong[gap]))])
     return new
 
 
@@ -114,8 +117,11 @@ def _stays_open(sight: _Behind, background: Gaussians, views: RemovalViews) -> b
     return bool(opened(still_open, _SPECK_PIXELS).any())
 
 
-def _continued(sight: _Behind, hole: BoolArray, known: BoolArray, target: Gaussians) -> Gaussians:
-    """Return a Gaussian for each pixel of a hole (H, W), in the colours and depths that go on from what is known."""
+def _continued(sight: _Behind, hole: BoolArray, known: BoolArray, target: Gaussians) -> tuple[Gaussians, IntArray]:
+    """Return a Gaussian for each pixel of a hole (H, W), in the colours and depths that go on from what is known.
+
+    With them comes the number of the gap, a connected part of the hole, that each one closes, (N,).
+    """
     camera, rest = sight.camera, sight.rest
     inverse_depth = np.divide(1, rest.depth, out=np.zeros(known.shape), where=known)
     inverse_depth = continued(inverse_depth, known, hole)
@@ -127,7 +133,9 @@ def _continued(sight: _Behind, hole: BoolArray, known: BoolArray, target: Gaussi
     rgb = rest.rgb / np.where(sight.seen, rest.alpha, 1)[..., None]
     colour = inpaint_shift_map(np.clip(rgb, 0, 1), known, hole)[0][hole]
     widths = np.repeat(depth[hole][:, None] / camera.K[0, 0], 3, axis=1)
-    return made_up(points_at(camera, depth)[hole], widths, np.array([[1, 0, 0, 0]]), colour, target.sh_rest.shape[2])
+    turn, rest = np.array([[1, 0, 0, 0]]), target.sh_rest.shape[2]
+    _, gaps = cv2.connectedComponents(hole.astype(np.uint8))
+    return made_up(points_at(camera, depth)[hole], widths, turn, colour, rest), gaps[hole].astype(np.int64)
 
 
 def _contradicted(means: FloatArray, sights: Sequence[_Behind]) -> BoolArray:
