@@ -155,7 +155,10 @@ class ThingsAtPoints:
             if not looked:
                 return []
             measured = measure(near, [look for _, look in looked])
-            found = parallel_map(lambda one: candidates_in_tile(near, *one, measured, self.up, top, config), looked)
+            found = parallel_map(
+                lambda tile, look: candidates_in_tile(near, tile, look, measured, self.up, top, config),
+                *zip(*looked, strict=True),
+            )
             things = [replace(one, rows=rows[one.rows]) for of_tile in found for one in of_tile]
             return [one for one in things if weight[one.rows].sum() > _MIN_SEEN]
 
