@@ -179,7 +179,7 @@ def test_without_onnx_runtime_the_extra_is_named(tmp_path, monkeypatch):
 
     save_tiny_sam(tmp_path, "sam")
     monkeypatch.setattr(sam_onnx, "import_module", missing)
-    assert 'pip install "gaussian-trimmer[sam]"' in refused(tmp_path)
+    assert "in the program's clone: pip install '.[sam]'" in refused(tmp_path)
 
 
 def test_folders_without_a_model_are_refused(tmp_path):

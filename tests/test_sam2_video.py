@@ -207,7 +207,7 @@ def test_what_is_missing_or_too_old_is_named(folder, tmp_path, monkeypatch):
         with pytest.raises(InputError, match=r"Transformers 5.6 or newer, and 5.5.4 is installed; run: pip install"):
             Sam2Video(folder)
     monkeypatch.setitem(sys.modules, "transformers", None)
-    with pytest.raises(InputError, match=r'pip install "gaussian-trimmer\[sam2\]"'):
+    with pytest.raises(InputError, match=r"in the program's clone: pip install '\.\[sam2\]'"):
         Sam2Video(folder)
 
 

@@ -61,7 +61,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("--options", metavar="TEXT", default="", help=options)
     workers = "Number of worker processes, each with a scene in memory; by default one for each processor"
     parser.add_argument("--workers", kind=Annotated[int, Range(1, 100_000)], help=workers)
-    engine = "Where the workers run: on this machine, or on a Ray cluster (needs gaussian-trimmer[ray])"
+    engine = "Where the workers run: on this machine, or on a Ray cluster (needs the extra 'ray')"
     parser.add_argument("--engine", kind=Literal["local", "ray"], default="local", help=engine)
     address = "Address of the Ray cluster, or auto for the one that this machine is part of; by default one is started"
     parser.add_argument("--address", metavar="ADDRESS", help=address)

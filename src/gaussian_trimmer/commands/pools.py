@@ -147,7 +147,7 @@ def _cluster(address: str | None, workers: int | None) -> Iterator[Any]:
         import ray
     except ImportError as error:
         raise InputError(
-            "The engine 'ray' needs Ray, which is not installed; pip install 'gaussian-trimmer[ray]'."
+            "The engine 'ray' needs Ray, which is not installed; in the program's clone: pip install '.[ray]'."
         ) from error
     if address is not None and (found := re.fullmatch(r"(?:ray://)?\[?([^\]/]+)\]?:(\d+)", address)):
         try:

@@ -255,7 +255,7 @@ class ClipScorer:
         try:
             self._torch, transformers = import_module("torch"), import_module("transformers")
         except ImportError as error:
-            needs = f"CLIP-IQA needs PyTorch and Transformers ({error}): pip install 'gaussian-trimmer[eval]'."
+            needs = f"CLIP-IQA needs PyTorch and Transformers ({error}); in the program's clone: pip install '.[eval]'."
             raise InputError(needs) from error
         local = Path(model).is_dir()
         try:

@@ -105,7 +105,7 @@ def _import_libraries() -> tuple[Any, Any]:
         version = metadata.version("transformers")
     except ImportError as error:
         raise InputError(
-            f'SAM 2 needs PyTorch and Transformers ({error}); run: pip install "gaussian-trimmer[sam2]".'
+            f"SAM 2 needs PyTorch and Transformers ({error}); in the program's clone: pip install '.[sam2]'."
         ) from error
     if tuple(int(part) for part in version.split(".")[:2]) < _OLDEST_TRANSFORMERS:
         oldest = ".".join(map(str, _OLDEST_TRANSFORMERS))

@@ -214,7 +214,7 @@ def _import_runtime() -> Any:
     try:
         return import_module("onnxruntime")
     except ImportError as error:
-        raise InputError(f'SAM needs ONNX Runtime ({error}); run: pip install "gaussian-trimmer[sam]".') from error
+        raise InputError(f"SAM needs ONNX Runtime ({error}); in the program's clone: pip install '.[sam]'.") from error
 
 
 def _errors_of(runtime: Any) -> tuple[type[Exception], ...]:
