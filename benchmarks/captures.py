@@ -40,7 +40,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import write
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate
-from gaussian_trimmer.rendering.gradients import draw, draw_with
+from gaussian_trimmer.rendering.tile_renderer import draw
 
 ByteArray = NDArray[np.uint8]
 Masks = Mapping[str, Mapping[str, ByteArray]]
@@ -119,9 +119,9 @@ def room(letter: str, count: int, folder: Path, options: FitOptions, coarseness:
     masks: dict[str, dict[str, ByteArray]] = {name: {} for name in made.names}
     pictures = {}
     for camera in (*made.training, *made.test):
-        drawing, shares = draw_with(made.seen_from(camera), camera, made.labels)
-        pictures[camera.name] = _bytes(drawing.image[:3].transpose(1, 2, 0))
-        for name, share in zip(made.names, shares, strict=True):
+        drawing = draw(made.seen_from(camera), [camera], values=made.labels)
+        pictures[camera.name] = _bytes(drawing.rgb[0].transpose(1, 2, 0))
+        for name, share in zip(made.names, drawing.values[0], strict=True):
             masks[name][camera.name] = _bytes(share)
     frames = [_frame(camera, split) for split in ("train", "test")
               for camera in (made.training if split == "train" else made.test)]  # fmt: skip
@@ -131,7 +131,7 @@ def room(letter: str, count: int, folder: Path, options: FitOptions, coarseness:
         rest = make_room(letter, coarseness, picture_scale, without=name)
         (folder / "removed" / name).mkdir(parents=True)
         for camera in made.test:
-            picture = _bytes(draw(rest.seen_from(camera), camera).image[:3].transpose(1, 2, 0))
+            picture = _bytes(draw(rest.seen_from(camera), [camera]).rgb[0].transpose(1, 2, 0))
             cv2.imwrite(str(folder / "removed" / name / camera.name), picture[..., ::-1])
     print(_summary(folder, learnt, made.test, tests, perf_counter() - start))
 
@@ -187,7 +187,7 @@ def rough_selections(gaussians: Gaussians, cameras: Sequence[Camera], masks: Mas
     for i, camera in enumerate(cameras):
         images = [of_kind(masks[name][camera.name], rng) for name in names for of_kind in kinds.values()]
         everywhere = np.ones((camera.height, camera.width), np.float32)
-        weights = draw(gaussians, camera).weigh(np.stack([*images, everywhere]))
+        weights = draw(gaussians, [camera]).weigh([np.stack([*images, everywhere])])[0]
         within[i] = weights[:, :-1].T.reshape(len(names), len(kinds), -1)
         total.append(weights[:, -1])
         pixels, depths = camera.project(gaussians.means.astype(np.float64))
@@ -283,7 +283,7 @@ def _summary(
     folder: Path, gaussians: Gaussians, cameras: Sequence[Camera], pictures: Mapping[str, ByteArray], seconds: float
 ) -> str:
     """Number, likeness to the pictures of test views, and per object the IoU of `exact` alone and sizes of kinds."""
-    likeness = [psnr(draw(gaussians, c), _floats(pictures[c.name])) for c in cameras]
+    likeness = [psnr(draw(gaussians, [c]), _floats(pictures[c.name])) for c in cameras]
     lines = [f"{folder.name}: {len(gaussians)} Gaussians, PSNR {np.mean(likeness):.1f} dB, {seconds:.0f} s"]
     scene = open_scene(folder)
     for name in scene.objects:
@@ -298,7 +298,7 @@ def alone_iou(scene: BenchmarkScene, name: str) -> float:
     alone, both, either = scene.gaussians.select(scene.coarse(name, "exact")), 0, 0
     for view in scene.test_views(name):
         if not view.far:
-            drawn = draw(alone, view.camera).image[3] > 0.5
+            drawn = draw(alone, [view.camera]).alpha[0] > 0.5
             true, counted = view.coverage > 0.5, view.counted
             both += int((drawn & true & counted).sum())
             either += int(((drawn | true) & counted).sum())

@@ -22,7 +22,9 @@ from gaussian_trimmer.gaussians import (
     logit,
     rotation_matrices,
 )
-from gaussian_trimmer.rendering.gradients import Drawing, draw, gradients, loss_gradient
+from gaussian_trimmer.rendering.gradients import gradients, loss_gradient
+from gaussian_trimmer.rendering.projection import as_tiles
+from gaussian_trimmer.rendering.tile_renderer import Drawing, draw
 
 VIEWS_PER_STEP = 2
 HUBER_WIDTH = 0.03
@@ -66,7 +68,7 @@ def photograph(
     for camera in cameras:
         K = camera.K.copy()
         K[:2, 2] += flaws * POSE_PIXELS * rng.normal(size=2)
-        picture = draw(seen_from(camera), replace(camera, K=K)).image.copy()
+        picture = draw(seen_from(camera), [replace(camera, K=K)]).images[0].copy()
         gains = np.exp(flaws * (EXPOSURE * rng.normal() + BALANCE * rng.normal(size=3)))
         picture[:3] *= gains[:, None, None]
         picture[:3] += flaws * NOISE * rng.normal(size=picture[:3].shape)
@@ -90,7 +92,7 @@ def thinned(scene: Gaussians, views: Sequence[View], count: int, rng: np.random.
     """
     shown = np.zeros(len(scene))
     for view in views:
-        shown += draw(scene, view.camera).weigh(_detail(view.picture)[None])[:, 0]
+        shown += draw(scene, [view.camera]).weigh([_detail(view.picture)[None]])[0, :, 0]
     visible = np.flatnonzero(shown > 0)
     count = min(count, len(visible))
     share = shown[visible] / shown[visible].sum()
@@ -118,11 +120,11 @@ def fit(gaussians: Gaussians, views: Sequence[View], steps: int, rng: np.random.
         for _ in range(VIEWS_PER_STEP):
             waiting = waiting or rng.permutation(len(views)).tolist()
             view = views[waiting.pop()]
-            drawing = draw(gaussians, view.camera)
+            drawing = draw(gaussians, [view.camera])
             weight = np.ones_like(view.picture)
             weight[3] = ALPHA_WEIGHT
-            slopes = loss_gradient(drawing, view.picture, weight, HUBER_WIDTH)
-            of_view = gradients(drawing, slopes, everything)
+            slopes = loss_gradient(drawing, as_tiles(view.picture), as_tiles(weight), HUBER_WIDTH)
+            of_view = gradients(drawing, slopes, everything)[0]
             gradient += np.concatenate([of_view, _by_degree_one(gaussians, view.camera, of_view[:, 10:])], axis=1)
         gradient *= rates  # so that all parameters are measured in their steps
         mean = MEAN_DECAY * mean + (1 - MEAN_DECAY) * gradient
@@ -137,11 +139,11 @@ def floaters(scene: Gaussians, views: Sequence[View], n: int, rng: np.random.Gen
     """Large faint Gaussians at random places between the cameras and what they see, in colours of the pictures."""
     parts = []
     for view, of_view in zip(views, rng.multinomial(n, np.full(len(views), 1 / len(views))), strict=True):
-        camera, drawing = view.camera, draw(scene, view.camera)
+        camera, drawing = view.camera, draw(scene, [view.camera])
         size = [camera.width, camera.height]
         pixels = rng.integers(0, size, (of_view, 2))
         others = rng.integers(0, size, (of_view, 2))
-        depths = drawing.depth[pixels[:, 1], pixels[:, 0]] * rng.uniform(0.2, 0.95, of_view)
+        depths = drawing.depth[0][pixels[:, 1], pixels[:, 0]] * rng.uniform(0.2, 0.95, of_view)
         rays = camera.ray_directions(np.asarray(pixels + 0.5, np.float64))
         means = camera.centre + rays * (depths / (rays @ camera.forward))[:, None]
         scales = (depths * np.exp(rng.uniform(np.log(0.008), np.log(0.06), of_view)))[:, None] + 1e-4
@@ -163,7 +165,7 @@ def coloured(means: Float64Array, scales: Float64Array, colours: Float64Array, o
 
 def psnr(drawing: Drawing, picture: FloatArray) -> float:
     """Likeness of a view's colours, clipped to [0, 1], to a picture (3, H, W), in decibels."""
-    return float(-10 * np.log10(np.mean((np.clip(drawing.image[:3], 0, 1) - picture) ** 2)))
+    return float(-10 * np.log10(np.mean((np.clip(drawing.images[0][:3], 0, 1) - picture) ** 2)))
 
 
 def _detail(picture: FloatArray) -> FloatArray:

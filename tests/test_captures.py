@@ -8,7 +8,7 @@ from quality import trials
 from refits import fit, photograph, psnr, thinned
 from rooms import make_room
 
-from gaussian_trimmer.rendering.gradients import draw
+from gaussian_trimmer.rendering.tile_renderer import draw
 
 QUICK = FitOptions(steps=5, fine_steps=1, scale=0.5)
 
@@ -44,6 +44,6 @@ def test_fitting_brings_a_scene_closer_to_the_pictures():
     views = photograph(made.seen_from, made.training[::8], 0.0, rng)
     few = thinned(made.gaussians, views, 200, rng)
     before, after = (
-        np.mean([psnr(draw(g, v.camera), v.picture[:3]) for v in views]) for g in (few, fit(few, views, 30, rng))
+        np.mean([psnr(draw(g, [v.camera]), v.picture[:3]) for v in views]) for g in (few, fit(few, views, 30, rng))
     )
     assert after > before + 1

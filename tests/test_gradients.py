@@ -9,9 +9,12 @@ import reference
 from scenes import front_camera, random_scene
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
-from gaussian_trimmer.gaussians import FloatArray, Gaussians, SplatModel, quaternions_of, rotation_matrices
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, SplatModel, quaternions_of, rotation_matrices
 from gaussian_trimmer.rendering import gradient_kernels
-from gaussian_trimmer.rendering.gradients import compile_kernels, draw, draw_with, gradients, loss_gradient
+from gaussian_trimmer.rendering.gradients import compile_kernels, gradients, loss_gradient
+from gaussian_trimmer.rendering.numba_kernels import sum_pairs
+from gaussian_trimmer.rendering.projection import as_tiles
+from gaussian_trimmer.rendering.tile_renderer import draw
 
 _NAMES = [
     "x",
@@ -44,6 +47,12 @@ def _slopes(camera: Camera) -> FloatArray:
     """Derivatives of a loss that vary slowly over the picture."""
     y, x = np.mgrid[: camera.height, : camera.width] / 12.0
     return np.stack([np.cos(x + 0.3), np.sin(x + y), np.cos(1.3 * y), np.sin(0.7 * x - y) + 0.5]).astype(np.float32)
+
+
+def _gradients(gaussians: Gaussians, camera: Camera, moving: BoolArray | None = None) -> FloatArray:
+    """Derivatives by the parameters of some Gaussians, by default of all, (K, 13)."""
+    moving = np.ones(len(gaussians), np.bool_) if moving is None else moving
+    return gradients(draw(gaussians, [camera]), as_tiles(_slopes(camera)), moving)[0]
 
 
 def _moved(gaussians: Gaussians, row: int, parameter: int, step: float) -> Gaussians:
@@ -80,7 +89,7 @@ def test_derivatives_are_those_of_the_reference(
     gaussians, camera = _scene()
     gaussians = gaussians.replace(model=model)
     slopes = _slopes(camera)
-    found = gradients(draw(gaussians, camera), slopes, np.ones(len(gaussians), np.bool_))[:, parameter]
+    found = _gradients(gaussians, camera)[:, parameter]
     step = 1e-3
     expected = [
         (_loss(_moved(gaussians, i, parameter, step), camera, slopes)
@@ -92,11 +101,32 @@ def test_derivatives_are_those_of_the_reference(
 
 def test_only_what_is_asked_for_is_differentiated() -> None:
     gaussians, camera = _scene()
-    drawing, slopes = draw(gaussians, camera), _slopes(camera)
     moving = np.arange(len(gaussians)) % 3 == 0
-    some, every = gradients(drawing, slopes, moving), gradients(drawing, slopes, np.ones(len(gaussians), np.bool_))
-    np.testing.assert_allclose(some[moving], every[moving], rtol=1e-5, atol=1e-6 * np.abs(every).max())
-    assert not some[~moving].any()
+    some, every = _gradients(gaussians, camera, moving), _gradients(gaussians, camera)
+    assert len(some) == moving.sum()
+    np.testing.assert_allclose(some, every[moving], rtol=1e-5, atol=1e-6 * np.abs(every).max())
+
+
+def test_tiles_that_nothing_moving_reaches_need_not_be_drawn() -> None:
+    gaussians, camera = _scene(60)
+    gaussians = gaussians.replace(log_scales=gaussians.log_scales - np.float32(1))
+    moving = np.arange(len(gaussians)) < 2
+    partly = draw(gaussians, [camera], around=moving)
+    assert (partly.tiled[-1] == 0).all(axis=1).any()
+    found = gradients(partly, as_tiles(_slopes(camera)), moving)[0]
+    np.testing.assert_array_equal(found, _gradients(gaussians, camera, moving))
+
+
+def test_several_views_at_once_are_the_same_as_one_after_the_other() -> None:
+    gaussians, camera = _scene(40)
+    pose = look_at(np.array([2.0, 0.5, 1.0]), np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    cameras = [camera, Camera(pose, intrinsics(np.radians(40), 70, 21), 70, 21)]
+    moving = np.arange(len(gaussians)) % 2 == 0
+    slopes = np.concatenate([as_tiles(_slopes(one)) for one in cameras], axis=1)
+    together = gradients(draw(gaussians, cameras), slopes, moving)
+    for one, found in zip(cameras, together, strict=True):
+        assert found.any()
+        np.testing.assert_array_equal(found, _gradients(gaussians, one, moving))
 
 
 def test_what_no_light_reaches_changes_nothing_and_is_not_changed() -> None:
@@ -104,58 +134,40 @@ def test_what_no_light_reaches_changes_nothing_and_is_not_changed() -> None:
     wall = gaussians.replace(
         log_scales=np.full((80, 3), 0.5, np.float32), opacity_logits=np.full(80, 2.0, np.float32)
     )  # fmt: skip
-    drawing, everything = draw(wall, camera), np.ones(len(wall), np.bool_)
-    seen = drawing.weigh(np.ones((1, camera.height, camera.width), np.float32))[:, 0] > 0
+    whole = np.ones((1, camera.height, camera.width), np.float32)
+    seen = draw(wall, [camera]).weigh([whole])[0, :, 0] > 0
     assert 3 < seen.sum() < 40
-    found = gradients(drawing, _slopes(camera), everything)
+    found = _gradients(wall, camera)
     assert not found[~seen].any()
-    np.testing.assert_array_equal(found[seen], gradients(draw(wall.select(seen), camera), _slopes(camera), seen[seen]))
+    np.testing.assert_array_equal(found[seen], _gradients(wall.select(seen), camera))
 
 
 def test_slopes_towards_a_picture_are_derivatives_of_the_rounded_difference() -> None:
     gaussians, camera = _scene()
-    drawing, rng = draw(gaussians, camera), np.random.default_rng(0)
+    drawing, rng = draw(gaussians, [camera]), np.random.default_rng(0)
     picture, weight = rng.uniform(0, 1, (2, 4, camera.height, camera.width)).astype(np.float32)
-    found = loss_gradient(drawing, picture, weight, 0.1)
-    assert found.shape == (4, 48, 48)
-    assert not found[:, camera.height :].any() and not found[:, :, camera.width :].any()
-    difference = (drawing.image - picture).astype(np.float64)
+    tiled = loss_gradient(drawing, as_tiles(picture), as_tiles(weight), 0.1)
+    (found,) = drawing.projection.images(tiled)
+    np.testing.assert_array_equal(tiled, as_tiles(found), "Beside the picture nothing counts.")
+    difference = (drawing.images[0] - picture).astype(np.float64)
 
     def loss(by: float) -> np.ndarray:
         return weight * np.sqrt((difference + by) ** 2 + 0.01)
 
-    expected = (loss(1e-5) - loss(-1e-5)) / 2e-5
-    np.testing.assert_allclose(found[:, : camera.height, : camera.width], expected, atol=1e-4)
-
-
-def test_values_are_blended_as_elsewhere_and_only_in_the_tiles_asked_for() -> None:
-    gaussians, camera = _scene(30)
-    values = np.random.default_rng(1).uniform(0, 1, (30, 2)).astype(np.float32)
-    drawing, blended = draw_with(gaussians, camera, values)
-    expected = reference.blend_values(gaussians, camera, values).transpose(2, 0, 1)
-    np.testing.assert_allclose(blended, expected, atol=2e-4)
-    np.testing.assert_array_equal(drawing.image, draw(gaussians, camera).image)
-    np.testing.assert_array_equal(drawing.depth, draw(gaussians, camera).depth)
-    some = np.arange(len(drawing.reached)) % 2 == 0
-    partly, partly_blended = draw_with(gaussians, camera, values, some)
-    pixels = np.kron(some.reshape(3, 3), np.ones((16, 16), np.bool_))[: camera.height, : camera.width]
-    np.testing.assert_array_equal(partly.image, drawing.image * pixels)
-    np.testing.assert_array_equal(partly_blended, blended * pixels)
+    np.testing.assert_allclose(found, (loss(1e-5) - loss(-1e-5)) / 2e-5, atol=1e-4)
 
 
 def test_gaussians_that_are_degenerate_have_finite_derivatives() -> None:
     gaussians, camera = _scene(6)
     scales, logits = gaussians.log_scales.copy(), gaussians.opacity_logits.copy()
     scales[0], scales[1, 2], scales[2], logits[3] = -80, -np.inf, 40, np.inf
-    broken = gaussians.replace(log_scales=scales, opacity_logits=logits)
-    found = gradients(draw(broken, camera), _slopes(camera), np.ones(len(broken), np.bool_))
+    found = _gradients(gaussians.replace(log_scales=scales, opacity_logits=logits), camera)
     assert np.isfinite(found).all()
     assert found[4:].any()
 
 
 KERNELS = [
-    gradient_kernels.huber_gradient, gradient_kernels.differentiate_tiles, gradient_kernels.sum_moving_pairs,
-    gradient_kernels.gather,
+    gradient_kernels.huber_gradient, gradient_kernels.differentiate_tiles, gradient_kernels.gather, sum_pairs,
 ]  # fmt: skip
 
 
@@ -165,8 +177,8 @@ def test_every_kernel_is_compiled_for_the_types_that_it_is_called_with():
     compile_kernels()
     before = [kernel.signatures for kernel in KERNELS]
     scene, camera = random_scene(0, 40), front_camera(48, 32)
-    drawing = draw(scene, camera)
-    picture = np.zeros((4, 32, 48), np.float32)
+    drawing = draw(scene, [camera])
+    picture = np.zeros((4, 6, 256), np.float32)
     gradients(drawing, loss_gradient(drawing, picture, picture + 1, 0.1), np.ones(len(scene), np.bool_))
     assert all(before)
     assert [kernel.signatures for kernel in KERNELS] == before

@@ -8,8 +8,8 @@ import pytest
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Gaussians, concatenate, rotation_matrices
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.rendering.gradients import draw
-from gaussian_trimmer.trimming.alpha_targets import ObjectRender, OutlineViews, coverage_target, resized_mask
+from gaussian_trimmer.rendering.tile_renderer import draw
+from gaussian_trimmer.trimming.alpha_targets import ObjectRenders, OutlineViews, coverage_targets, resized_mask
 from gaussian_trimmer.trimming.fitting import Target, fit
 from gaussian_trimmer.trimming.refinement import Pieces, RefineConfig
 from gaussian_trimmer.trimming.refinement import refine as refine_pieces
@@ -55,13 +55,13 @@ def _true_masks(cameras: list[Camera]) -> list[np.ndarray]:
     return masks
 
 
-def _rendered(inner: Gaussians, background: Gaussians, camera: Camera) -> ObjectRender:
-    return OutlineViews([camera], None, 1.0).render(inner, background)[0]
+def _rendered(inner: Gaussians, background: Gaussians, camera: Camera) -> ObjectRenders:
+    return OutlineViews([camera], None, 1.0).render(inner, background, colours=True)
 
 
 def _error(ball: Gaussians, cameras: list[Camera], masks: list[np.ndarray]) -> float:
     pairs = zip(cameras, masks, strict=True)
-    return float(np.mean([np.abs(draw(ball, camera).image[3] - mask).mean() for camera, mask in pairs]))
+    return float(np.mean([np.abs(draw(ball, [camera]).alpha[0] - mask).mean() for camera, mask in pairs]))
 
 
 def refine(
@@ -131,8 +131,8 @@ def test_what_something_nearer_hides_says_nothing_about_coverage() -> None:
     ball, camera = _sphere(150, 0.8, 0.15, 0.5), _views()[0]
     screen = _sphere(1, 1e-9, 0.4, 0.9)
     screen = screen.replace(means=(screen.means + 0.5 * camera.centre).astype(np.float32))
-    target = coverage_target(_rendered(ball, screen, camera))
-    alone = coverage_target(_rendered(ball, screen.select(slice(0, 0)), camera))
+    (target,) = coverage_targets(_rendered(ball, screen, camera))
+    (alone,) = coverage_targets(_rendered(ball, screen.select(slice(0, 0)), camera))
     middle = camera.height // 2, camera.width // 2
     assert target.weight[3][middle] == 0 and alone.weight[3][middle] == 1
     assert alone.picture[3][middle] == 1 and alone.picture[3, 0, 0] == 0
@@ -147,11 +147,11 @@ def test_the_outline_stays_where_the_scene_shows_half_of_the_object(screen_opaci
         opacity_logits=np.float32([np.log(screen_opacity / (1 - screen_opacity))]),
     )
     render = _rendered(ball, screen, camera)
-    alone, target = render.alone, coverage_target(render).picture[3]
-    silhouette, outline = alone.image[3] > 0.5, (alone.image[3] > 0.01) & (alone.image[3] < 0.99)
+    alone, target = render.alone.alpha[0], coverage_targets(render)[0].picture[3]
+    silhouette, outline = alone > 0.5, (alone > 0.01) & (alone < 0.99)
     assert np.count_nonzero(outline & silhouette) > 50
     if stays:
-        np.testing.assert_allclose(target, np.clip(2 * alone.image[3] - 0.5, 0, 1), atol=1e-6)
+        np.testing.assert_allclose(target, np.clip(2 * alone - 0.5, 0, 1), atol=1e-6)
     else:
         assert (target[silhouette] < 0.5).all()
 
@@ -164,7 +164,7 @@ def test_a_fit_turns_a_gaussian_towards_what_it_should_show() -> None:
     turned = long.replace(quaternions=np.array([[np.cos(angle / 2), 0, 0, np.sin(angle / 2)]], np.float32))
     cameras = small_views_around(_BOUNDS, 4, (40.0, 70.0), 64)
     weight = np.ones((4, 64, 64), np.float32)
-    targets = [Target(camera, draw(turned, camera).image, weight) for camera in cameras]
+    targets = [Target(camera, draw(turned, [camera]).images[0], weight) for camera in cameras]
     fitted = fit(long, np.array([True]), targets, 60, 0.05)
     axis = rotation_matrices(fitted.quaternions)[0, :, 0]
     assert abs(axis @ [np.cos(angle), np.sin(angle), 0]) > np.cos(0.1)

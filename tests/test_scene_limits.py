@@ -19,7 +19,7 @@ CONFIG = toy.small_config()
 @pytest.fixture
 def no_drawing(monkeypatch):
     """Fails where a view of the scene is asked for."""
-    monkeypatch.setattr(tile_renderer, "project_view", lambda *_: pytest.fail("Nothing is to be drawn."))
+    monkeypatch.setattr(tile_renderer, "project_views", lambda *_: pytest.fail("Nothing is to be drawn."))
 
 
 pytestmark = pytest.mark.usefixtures("one_thread")

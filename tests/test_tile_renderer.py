@@ -9,8 +9,9 @@ from scenes import front_camera, gaussian, random_scene
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.rendering import blend_values, blend_weights, render, tile_renderer, top_contributors
-from gaussian_trimmer.rendering.tile_renderer import ProjectionCache, project_view
+from gaussian_trimmer.rendering import blend_values, blend_weights, projection, render, tile_renderer, top_contributors
+from gaussian_trimmer.rendering.projection import project_views
+from gaussian_trimmer.rendering.tile_renderer import ProjectionCache, draw, label_weights, portions, render_views
 
 SCENE, CAMERA = random_scene(0), front_camera()
 LABELS = np.random.default_rng(0).integers(0, 4, (CAMERA.height, CAMERA.width)).astype(np.uint8)
@@ -34,20 +35,20 @@ def everything():
 @pytest.mark.parametrize("memory", [1, 100, 1000, 3000])
 def test_a_view_in_parts_is_the_same_view(memory, monkeypatch):
     whole = everything()
-    longest, listed = 0, tile_renderer.bin_gaussians
+    longest, listed = 0, projection.bin_gaussians
 
-    def noted(splats, tiles, *args):
+    def noted(splats, offset, picture, tiles, *args):
         nonlocal longest
         longest = max(longest, len(tiles.lists))
-        listed(splats, tiles, *args)
+        listed(splats, offset, picture, tiles, *args)
 
-    monkeypatch.setattr(tile_renderer, "bin_gaussians", noted)
-    monkeypatch.setattr(tile_renderer, "_LISTED_BYTES", memory)
+    monkeypatch.setattr(projection, "bin_gaussians", noted)
+    monkeypatch.setattr(projection, "_LISTED_BYTES", memory)
     for one, other in zip(whole, everything(), strict=True):
         np.testing.assert_array_equal(one, other)
-    projection = project_view(SCENE, CAMERA)
-    assert projection.tiles is None
-    assert longest <= max(memory / 6, np.diff(projection.tile_starts).max())
+    projected = project_views(SCENE, [CAMERA])
+    assert projected.tiles is None
+    assert longest <= max(memory / 6, np.diff(projected.tile_starts).max())
 
 
 def large_and_faint(n):
@@ -57,10 +58,58 @@ def large_and_faint(n):
 
 def test_views_of_too_many_pairs_are_refused(monkeypatch):
     camera = front_camera(64, 32)
-    monkeypatch.setattr(tile_renderer, "MOST_PAIRS", 80)
+    monkeypatch.setattr(projection, "MOST_PAIRS", 80)
     render(large_and_faint(10), camera)
     with pytest.raises(InputError, match=r"64 x 32 pixels consists of 88 pairs .* at most 80 can be drawn; take sm"):
         render(large_and_faint(11), camera)
+
+
+# --- several views at once
+
+VIEWS = [front_camera(*size) for size in ((83, 61), (48, 32), (7, 5), (130, 17))]
+
+
+@pytest.mark.parametrize("memory", [1, 1000, 1 << 29])
+def test_several_views_are_what_each_of_them_is(memory, monkeypatch):
+    monkeypatch.setattr(projection, "_LISTED_BYTES", memory)
+    masks = [np.random.default_rng(0).random((camera.height, camera.width)) > 0.5 for camera in VIEWS]
+    drawing = draw(SCENE, VIEWS, values=SCENE.means, images=[mask[None].astype(np.float32) for mask in masks])
+    shown, found = list(render_views(SCENE, VIEWS, masks)), list(label_weights(SCENE, VIEWS, masks))
+    for i, (camera, mask) in enumerate(zip(VIEWS, masks, strict=True)):
+        seen, weights = render(SCENE, camera), blend_weights(SCENE, camera, mask.astype(np.uint8), 2)
+        for picture in (drawing.renderings()[i], shown[i]):
+            np.testing.assert_array_equal(picture.rgb, seen.rgb)
+            np.testing.assert_array_equal(picture.depth, seen.depth)
+            np.testing.assert_array_equal(picture.alpha, seen.alpha)
+        np.testing.assert_array_equal(drawing.values[i].transpose(1, 2, 0), blend_values(SCENE, camera, SCENE.means))
+        np.testing.assert_array_equal(drawing.weights[i, :, 0], weights[:, 1])
+        np.testing.assert_array_equal(shown[i].weights, weights)
+        np.testing.assert_array_equal(found[i], weights)
+
+
+def test_without_colours_the_rest_is_the_same():
+    plain, coloured = draw(SCENE, VIEWS, colours=False), draw(SCENE, VIEWS)
+    assert len(plain.tiled) == 2
+    np.testing.assert_array_equal(plain.tiled, coloured.tiled[3:])
+
+
+def test_only_tiles_around_some_gaussians_are_drawn():
+    around = np.arange(len(SCENE)) < 3
+    partly, whole = draw(SCENE, VIEWS, around=around), draw(SCENE, VIEWS)
+    reached = np.diff(project_views(SCENE.select(around), VIEWS).tile_starts) > 0
+    assert 0 < reached.sum() < len(reached)
+    np.testing.assert_array_equal(partly.tiled, whole.tiled * reached[None, :, None])
+
+
+def test_views_are_drawn_in_portions_of_bounded_memory(monkeypatch):
+    cameras = [CAMERA] * 7
+    assert len(list(portions(SCENE, cameras))) == 1
+    monkeypatch.setattr(tile_renderer, "_TOGETHER_BYTES", 160 * (len(SCENE) + CAMERA.width * CAMERA.height))
+    assert [len(cameras[some]) for some in portions(SCENE, cameras)] == [2, 2, 2, 1]
+    assert len(list(render_views(SCENE, cameras))) == 7
+    monkeypatch.setattr(tile_renderer, "_TOGETHER_BYTES", 1)
+    assert [len(cameras[some]) for some in portions(SCENE, cameras)] == [1] * 7
+    assert not list(portions(SCENE, []))
 
 
 # --- memory for projections that are kept
@@ -75,13 +124,13 @@ def cache(monkeypatch):
 
 def projections_of(monkeypatch):
     """The cameras that are projected into from now on."""
-    cameras, project = [], tile_renderer.project_view
+    cameras, project = [], tile_renderer.project_views
 
-    def noted(gaussians, camera):
-        cameras.append(camera)
-        return project(gaussians, camera)
+    def noted(gaussians, asked):
+        cameras.extend(asked)
+        return project(gaussians, asked)
 
-    monkeypatch.setattr(tile_renderer, "project_view", noted)
+    monkeypatch.setattr(tile_renderer, "project_views", noted)
     return cameras
 
 
@@ -96,7 +145,7 @@ def test_a_view_is_projected_once(cache, monkeypatch):
 
 def test_projections_are_kept_by_their_bytes(cache, monkeypatch):
     cameras = [front_camera(20, 10) for _ in range(4)]
-    size = project_view(SCENE, cameras[0]).nbytes
+    size = project_views(SCENE, cameras[:1]).nbytes
     assert size > 1000
     monkeypatch.setattr(tile_renderer, "_KEPT_BYTES", 3 * size)
     projected = projections_of(monkeypatch)

@@ -29,8 +29,8 @@ from gaussian_trimmer.output.pictures import (
     write_picture,
 )
 from gaussian_trimmer.rendering import blend_values, render
-from gaussian_trimmer.rendering.gradients import draw
-from gaussian_trimmer.trimming.alpha_targets import OutlineViews, coverage_target
+from gaussian_trimmer.rendering.tile_renderer import draw
+from gaussian_trimmer.trimming.alpha_targets import OutlineViews, coverage_targets
 from gaussian_trimmer.trimming.result import RowLabel, TrimResult
 
 FOLDER = Path(__file__).parents[1] / "images" / "stages"
@@ -167,9 +167,9 @@ def _refinement(scene: Gaussians, rough: BoolArray, config: gt.TrimConfig) -> Pi
     before = gt.trim(scene, rough, cameras=cameras, config=replace(config, refine="off"))
     after = gt.trim(scene, rough, cameras=cameras, config=config)
     camera = before.objects[0].views[0].view.camera.resized(SIDE / before.objects[0].views[0].view.camera.width)
-    (rendered,) = OutlineViews([camera], None, before.objects[0].bounds.radius).render(before.object, before.background)
-    aim = coverage_target(rendered)
-    shown = [rendered.alone.image[3], aim.picture[3], draw(after.object, camera).image[3]]
+    views = OutlineViews([camera], None, before.objects[0].bounds.radius)
+    rendered = views.render(before.object, before.background, colours=True)
+    shown = [rendered.alone.alpha[0], coverage_targets(rendered)[0].picture[3], draw(after.object, [camera]).alpha[0]]
     return row_of_pictures([(name, _grey(a)) for name, a in zip(("before", "aim", "after"), shown, strict=True)])
 
 

@@ -11,7 +11,7 @@ import logging
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cache
 from itertools import chain, islice
@@ -28,12 +28,12 @@ def parallel_for(work: Callable[[int, int], Any], n: int, at_most: int | None = 
     """Call work(first, last) for shares that together are the range from 0 to n, on as many threads as Numba is given.
 
     Args:
-        work: called with where a share begins and ends; it calls no `parallel_for` itself.
+        work: called with where a share begins and ends. What it calls in turn is done in its own thread.
         n: size of the work.
         at_most: size of the largest share; None: there is one share a thread.
         at_least: size of the smallest share that is worth a thread.
     """
-    threads = _numba().get_num_threads()
+    threads = 1 if getattr(_here, "in_share", False) else _numba().get_num_threads()
     size = max(-(-n // threads), at_least)
     if at_most is not None:
         size = min(size, at_most)
@@ -42,10 +42,30 @@ def parallel_for(work: Callable[[int, int], Any], n: int, at_most: int | None = 
         for share in shares:
             work(*share)
         return
-    others = [_loop_threads(threads).submit(work, *share) for share in shares[1:]]
-    work(*shares[0])
+
+    def alone(first: int, last: int) -> None:
+        _here.in_share = True
+        try:
+            work(first, last)
+        finally:
+            _here.in_share = False
+
+    others = [_loop_threads(threads).submit(alone, *share) for share in shares[1:]]
+    alone(*shares[0])
     for other in others:
         other.result()
+
+
+def for_each(work: Callable[[Any], Made], items: Sequence[Any]) -> list[Made]:
+    """Return what work(item) returns for each of some items, found on as many threads as Numba is given."""
+    found = list[Any]([None] * len(items))
+
+    def share(first: int, last: int) -> None:
+        for place in range(first, last):
+            found[place] = work(items[place])
+
+    parallel_for(share, len(items))
+    return found
 
 
 def parallel_map(work: Callable[..., Made], *items: Iterable[Any]) -> Iterator[Made]:

@@ -16,11 +16,11 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, concatenate
-from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.removal.inpainting import made_up
 from gaussian_trimmer.removal.shift_map import inpaint_shift_map, shifted
 from gaussian_trimmer.removal.views import RemovalViews, points_at
 from gaussian_trimmer.rendering import Rendering, render
+from gaussian_trimmer.rendering.tile_renderer import render_views
 from gaussian_trimmer.views.view import HALF, bounding_box, box_slices, clearly_nearer, grown, opened
 
 _RIM_PIXELS = 3
@@ -84,11 +84,11 @@ def close_gaps(views: RemovalViews, background: Gaussians) -> Gaussians:
     new, target = background.select(slice(0)), views.gaussians.select(views.of_object)
 
     def seen(scene: Gaussians) -> list[_Behind]:
-        rests = parallel_map(lambda camera: render(scene, camera), views.observing)
+        rests = render_views(scene, views.observing)
         return [_Behind(*sight) for sight in zip(views.observing, views.observed.alone, rests, strict=True)]
 
     sights = seen(background)
-    if not any(parallel_map(lambda sight: _stays_open(sight, background, views), sights)):
+    if not any(_stays_open(sight, background, views) for sight in sights):
         return new
     if views.beyond:
         background = concatenate([background, views.beyond(views.observing)])

@@ -12,9 +12,8 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, LabelArray
 from gaussian_trimmer.geometry.bounds import Bounds, own_frame, robust_bounds
-from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.rendering import Rendering, render
-from gaussian_trimmer.rendering.tile_renderer import label_weights
+from gaussian_trimmer.rendering import Rendering
+from gaussian_trimmer.rendering.tile_renderer import label_weights, render_views
 from gaussian_trimmer.views.small_views import views_of_place
 from gaussian_trimmer.views.view import HALF, shown_by
 
@@ -102,8 +101,8 @@ class RemovalViews:
 
     @cached_property
     def alone(self) -> list[Rendering]:
-        """The object alone in each view."""
-        return self._render(self.gaussians.select(self.of_object), [None] * len(self.cameras))
+        """The object alone in each view, without colours."""
+        return list(render_views(self.gaussians.select(self.of_object), self.cameras, colours=False))
 
     @cached_property
     def silhouettes(self) -> list[BoolArray]:
@@ -112,8 +111,8 @@ class RemovalViews:
 
     @cached_property
     def renderings(self) -> list[Rendering]:
-        """Everything in each view, with blend weights outside and inside the silhouette."""
-        return self._render(self.gaussians, self.silhouettes)
+        """Everything in each view, without colours, with blend weights outside and inside the silhouette."""
+        return list(render_views(self.gaussians, self.cameras, self.silhouettes, colours=False))
 
     @cached_property
     def sights(self) -> list[Sight]:
@@ -152,9 +151,6 @@ class RemovalViews:
 
     def _in(self, cameras: Sequence[Camera]) -> RemovalViews:
         return replace(self, cameras=cameras, cameras_above=(), observing=())
-
-    def _render(self, part: Gaussians, masks: Sequence[BoolArray | None]) -> list[Rendering]:
-        return list(parallel_map(lambda camera, mask: render(part, camera, mask=mask), self.cameras, masks))
 
 
 def views_around(

@@ -34,7 +34,7 @@ class Rendering:
     """What a camera sees."""
 
     rgb: FloatArray
-    """Colours, not clipped above one, (H, W, 3)."""
+    """Colours, not clipped above one, (H, W, 3); empty if they were not asked for."""
     alpha: FloatArray
     """Accumulated opacity in [0, 1], (H, W)."""
     depth: FloatArray

@@ -21,7 +21,6 @@ import numpy as np
 from gaussian_trimmer.gaussians import SH_C0
 from gaussian_trimmer.rendering.blending import LARGEST_SPREAD
 from gaussian_trimmer.rendering.numba_kernels import (
-    _AREA,
     _CAP,
     _CHECK_EVERY,
     _CUTOFF,
@@ -33,7 +32,7 @@ from gaussian_trimmer.rendering.numba_kernels import (
     _lets_light_through,
     _weight_and_light,
 )
-from gaussian_trimmer.rendering.projection_kernels import TILE, _jit
+from gaussian_trimmer.rendering.projection_kernels import AREA, TILE, _jit
 
 N_SUMS = 9
 """Sums of a pair: h; h z (2); h z z^T (xx, xy, yy); weight times g_C (3)."""
@@ -47,26 +46,26 @@ def differentiate_tiles(splats, colours, moves, tiles, images, out, jobs):  # ty
     """Sum over the pixels of each pair of a tile and a Gaussian what `gather` turns into derivatives.
 
     Args:
-        splats, colours: of the M drawn Gaussians, from near to far, (M, 8) and (M, 4).
+        splats, colours: of the M drawn Gaussians, each view's from near to far, (M, 8) and (M, 4).
         moves: which of them are asked for, (M,); the rows of others stay zero.
-        tiles: some of the view's.
-        images: what the view shows, (5, H', W'): colour, depth and alpha; and the derivatives of the loss by colour and
-            alpha, (4, H', W').
+        tiles: some of the views'.
+        images: what the views show, (5, T, A): colour, depth and alpha; and the derivatives of the loss by colour and
+            alpha, (4, T, A).
         out: the sums, (P, 9), and in which tiles any of these may differ from zero, (T,); zeros before.
         jobs: first and one past the last of those to do, of which there are as many as tiles.
     """
-    first_tile, starts, lists, spans, width, height = tiles
+    first_tile, starts, lists, spans, places = tiles
     image, slopes = images
     pairs, busy = out
-    across, n_tiles = -(-width // TILE), len(starts) - 1
-    column = np.empty(_AREA, np.float32)
-    row = np.empty(_AREA, np.float32)
-    for p in range(_AREA):
+    n_tiles = len(starts) - 1
+    column = np.empty(AREA, np.float32)
+    row = np.empty(AREA, np.float32)
+    for p in range(AREA):
         column[p] = np.float32(p % TILE) + np.float32(0.5)
         row[p] = np.float32(p // TILE) + np.float32(0.5)
-    transmittance = np.empty(_AREA, np.float32)
-    slope = np.empty((4, _AREA), np.float32)
-    farther = np.empty(_AREA, np.float32)
+    transmittance = np.empty(AREA, np.float32)
+    slope = np.empty((4, AREA), np.float32)
+    farther = np.empty(AREA, np.float32)
     for job in range(jobs[0], jobs[1]):
         tile = _interleave(job, n_tiles)
         end = starts[tile + 1]
@@ -74,15 +73,16 @@ def differentiate_tiles(splats, colours, moves, tiles, images, out, jobs):  # ty
             end -= 1  # What lies behind the last one that is asked for changes nothing.
         if end == starts[tile]:
             continue
-        left, top = ((first_tile + tile) % across) * TILE, ((first_tile + tile) // across) * TILE
+        place = first_tile + tile
+        left, top, width, height = places[place, 0], places[place, 1], places[place, 2], places[place, 3]
         steepest = _ZERO
-        for p in range(_AREA):
+        for p in range(AREA):
             outside = left + p % TILE >= width or top + p // TILE >= height
             transmittance[p] = -_ONE if outside else _ONE
             total = _ZERO
             for c in range(4):
-                slope[c, p] = slopes[c, top + p // TILE, left + p % TILE]
-                total += slope[c, p] * image[c + c // 3, top + p // TILE, left + p % TILE]
+                slope[c, p] = slopes[c, place, p]
+                total += slope[c, p] * image[c + c // 3, place, p]
                 steepest = max(steepest, abs(slope[c, p]))
             farther[p] = total
         if steepest == _ZERO:
@@ -148,34 +148,23 @@ def differentiate_tiles(splats, colours, moves, tiles, images, out, jobs):  # ty
 
 @_jit
 def huber_gradient(image, picture, weight, delta):  # type: ignore[no-untyped-def]
-    """Return derivatives of the sum of weight * sqrt(d^2 + delta^2) by an image's values, (4, H', W').
+    """Return derivatives of the sum of weight * sqrt(d^2 + delta^2) by what views show, (4, T, A).
 
     Args:
-        image: colour, depth and alpha, (5, H', W').
-        picture: the colour and alpha that it should have, (4, H, W); d is the difference.
-        weight: of each value, (4, H, W); beside the picture it is zero.
+        image: colour, depth and alpha, (5, T, A).
+        picture: the colour and alpha that they should show, (4, T, A); d is the difference.
+        weight: of each value, (4, T, A).
         delta: difference beyond which the sum grows in proportion.
     """
-    out = np.zeros((4, image.shape[1], image.shape[2]), np.float32)
+    out = np.empty(picture.shape, np.float32)
     square = delta * delta
     for c in range(4):
-        for y in range(picture.shape[1]):
-            ours, theirs, weights, slopes = image[c + c // 3, y], picture[c, y], weight[c, y], out[c, y]
-            for x in range(len(theirs)):
-                difference = ours[x] - theirs[x]
-                slopes[x] = weights[x] * difference / math.sqrt(difference * difference + square)
+        for tile in range(picture.shape[1]):
+            ours, theirs, weights, slopes = image[c + c // 3, tile], picture[c, tile], weight[c, tile], out[c, tile]
+            for p in range(len(theirs)):
+                difference = ours[p] - theirs[p]
+                slopes[p] = weights[p] * difference / math.sqrt(difference * difference + square)
     return out
-
-
-@_jit
-def sum_moving_pairs(pairs, starts, lists, busy, totals):  # type: ignore[no-untyped-def]
-    """Adds the pairs' sums to the totals (M, 9), always in the order of the tiles."""
-    for tile in range(len(starts) - 1):
-        if not busy[tile]:
-            continue
-        for pair in range(starts[tile], starts[tile + 1]):
-            for k in range(N_SUMS):
-                totals[lists[pair], k] += pairs[pair, k]
 
 
 @_jit

@@ -14,9 +14,8 @@ import numpy as np
 
 from gaussian_trimmer.parallel import compiled
 from gaussian_trimmer.rendering.blending import ALPHA_CAP, ALPHA_CUTOFF, TRANSMITTANCE_STOP
-from gaussian_trimmer.rendering.projection_kernels import TILE, _jit
+from gaussian_trimmer.rendering.projection_kernels import AREA, TILE, _jit
 
-_AREA = TILE * TILE
 _BATCH = 4  # Gaussians whose weights are found before they are added to sums together, which saves memory traffic.
 _CHECK_EVERY = 4 * _BATCH  # Gaussians between two looks at whether a tile still lets light through.
 
@@ -58,7 +57,7 @@ def _weight_and_light(full, before):  # type: ignore[no-untyped-def]
 def _lets_light_through(transmittance):  # type: ignore[no-untyped-def]
     """Tell whether blending goes on at any pixel of a tile."""
     light = _ZERO
-    for p in range(_AREA):
+    for p in range(AREA):
         light += max(transmittance[p], _ZERO)
     return light > _ZERO
 
@@ -67,43 +66,43 @@ def _lets_light_through(transmittance):  # type: ignore[no-untyped-def]
 def blend_tiles(splats, values, tiles, labels, image, pairs, jobs):  # type: ignore[no-untyped-def]
     """Blend the tiles of some jobs, of which there are as many as tiles, front to back.
 
-    Writes to the image (C + 1, H', W'), with H', W' rounded up to whole tiles, the blended values and, last, alpha; and
-    to pairs (P, L), zero before, each pair's sum of blend weights under each of the label images (L, H', W').
+    Writes to the pictures (C + 1, T, A) of all tiles the blended values and, last, alpha; and to pairs (P, L), zero
+    before, each pair's sum of blend weights under each of the label pictures (L, T, A).
     """
-    first_tile, starts, lists, spans, width, height = tiles
-    across = -(-width // TILE)
+    first_tile, starts, lists, spans, places = tiles
     n_tiles, n_values, n_labels = len(starts) - 1, values.shape[1], labels.shape[0]
-    column = np.empty(_AREA, np.float32)
-    row = np.empty(_AREA, np.float32)
-    for p in range(_AREA):
+    column = np.empty(AREA, np.float32)
+    row = np.empty(AREA, np.float32)
+    for p in range(AREA):
         column[p] = np.float32(p % TILE) + np.float32(0.5)
         row[p] = np.float32(p // TILE) + np.float32(0.5)
-    transmittance = np.empty(_AREA, np.float32)
-    weights = np.empty((_BATCH, _AREA), np.float32)
+    transmittance = np.empty(AREA, np.float32)
+    weights = np.empty((_BATCH, AREA), np.float32)
     factors = np.empty(_BATCH, np.float32)
-    sums = np.empty((n_values, _AREA), np.float32)
-    marks = np.empty((n_labels, _AREA), np.float32)
+    sums = np.empty((n_values, AREA), np.float32)
+    marks = np.empty((n_labels, AREA), np.float32)
     for job in range(jobs[0], jobs[1]):
         # A stride coprime to the number of tiles spreads the busy middle of the image over the threads' equal shares.
         tile = _interleave(job, n_tiles)
-        left, top = ((first_tile + tile) % across) * TILE, ((first_tile + tile) // across) * TILE
-        for p in range(_AREA):  # Pixels outside the image count as stopped.
+        place = first_tile + tile
+        left, top, width, height = places[place, 0], places[place, 1], places[place, 2], places[place, 3]
+        for p in range(AREA):  # Pixels outside the image count as stopped.
             outside = left + p % TILE >= width or top + p // TILE >= height
             transmittance[p] = -_ONE if outside else _ONE
         for k in range(_BATCH):
             factors[k] = _ZERO
         for c in range(n_values):
-            for p in range(_AREA):
+            for p in range(AREA):
                 sums[c, p] = _ZERO
         for label in range(n_labels):
-            for p in range(_AREA):
-                marks[label, p] = labels[label, top + p // TILE, left + p % TILE]
+            for p in range(AREA):
+                marks[label, p] = labels[label, place, p]
         end = starts[tile + 1]
         for begin in range(starts[tile], end, _BATCH):
             if (begin - starts[tile]) % _CHECK_EVERY == 0 and not _lets_light_through(transmittance):
                 break
             n = min(_BATCH, end - begin)
-            low, high = _AREA, 0
+            low, high = AREA, 0
             for k in range(n):
                 low, high = min(low, TILE * spans[begin + k, 0]), max(high, TILE * spans[begin + k, 1])
             weights[:, low:high] = _ZERO  # As loops it costs the whole kernel a half more.
@@ -144,10 +143,10 @@ def blend_tiles(splats, values, tiles, labels, image, pairs, jobs):  # type: ign
                 for k in range(n):
                     pairs[begin + k, label] = factors[k]
         for c in range(n_values):
-            for p in range(_AREA):
-                image[c, top + p // TILE, left + p % TILE] = sums[c, p]
-        for p in range(_AREA):
-            image[n_values, top + p // TILE, left + p % TILE] = _ONE - abs(transmittance[p])
+            for p in range(AREA):
+                image[c, place, p] = sums[c, p]
+        for p in range(AREA):
+            image[n_values, place, p] = _ONE - abs(transmittance[p])
 
 
 @compiled(inline="always")
@@ -170,21 +169,24 @@ def _interleave(job, n):  # type: ignore[no-untyped-def]
 
 
 @_jit
-def sum_pairs(pairs, lists, totals):  # type: ignore[no-untyped-def]
-    """Adds the pairs' weights to the totals (M, L), always in the order of the tiles."""
-    for pair in range(pairs.shape[0]):
-        for label in range(pairs.shape[1]):
-            totals[lists[pair], label] += pairs[pair, label]
+def sum_pairs(pairs, starts, lists, busy, totals):  # type: ignore[no-untyped-def]
+    """Adds the pairs' sums (P, K) of busy tiles to the totals (M, K), always in the order of the tiles."""
+    for tile in range(len(busy)):
+        if not busy[tile]:
+            continue
+        for pair in range(starts[tile], starts[tile + 1]):
+            for k in range(pairs.shape[1]):
+                totals[lists[pair], k] += pairs[pair, k]
 
 
 @_jit
-def top_of_pixels(splats, tiles, pixels, ids, weights):  # type: ignore[no-untyped-def]
+def top_of_pixels(splats, tiles, across, pixels, ids, weights):  # type: ignore[no-untyped-def]
     """Return the largest blend weights of each pixel, in falling order; the nearer Gaussian first among equals.
 
-    Writes as many as there is room for to ids and weights (P, k), which hold -1 and 0, for pixels within the tiles.
+    Writes as many as there is room for to ids and weights (P, k), which hold -1 and 0, for pixels of a view, so many
+    tiles wide, within the tiles.
     """
-    first_tile, starts, lists, spans, width, _ = tiles
-    across = -(-width // TILE)
+    first_tile, starts, lists, spans, _ = tiles
     k = ids.shape[1]
     for j in range(pixels.shape[0]):
         x, y = np.float32(pixels[j, 0]) + np.float32(0.5), np.float32(pixels[j, 1]) + np.float32(0.5)

@@ -19,6 +19,7 @@ from gaussian_trimmer.rendering.blending import ALPHA_CUTOFF, LARGEST_SPREAD, LA
 
 TILE = 16
 """Side of a tile in pixels."""
+AREA = TILE * TILE
 _CANCELLED_SHARE = 1e-8
 """Determinant, as a share of the product of the variances, below which their difference has lost it."""
 
@@ -48,19 +49,18 @@ class Pinhole(NamedTuple):
 
 
 class Tiles(NamedTuple):
-    """T tiles that follow each other, and the Gaussians that reach them."""
+    """T tiles that follow each other among those of all views, and the Gaussians that reach them."""
 
     first: int
-    """Number of the first tile, row by row."""
+    """Number of the first tile."""
     starts: IntArray
     """Where each tile's list begins in `lists`, (T + 1,)."""
     lists: NDArray[np.int32]
     """Indices of drawn Gaussians, from near to far, tile after tile, (P,)."""
     spans: NDArray[np.uint8]
     """First and one past the last row of its tile that each entry of `lists` reaches, (P, 2)."""
-    width: int
-    """Width and height of the image in pixels."""
-    height: int
+    places: IntArray
+    """Of the tiles of all views: left and top in their pictures, and these pictures' width and height, (..., 4)."""
 
 
 @_jit
@@ -240,25 +240,33 @@ def count_tiles(splats, height, counts, first_column, end_column):  # type: igno
 
 
 @_jit
-def bin_gaussians(splats, tiles, ends, first_column, end_column):  # type: ignore[no-untyped-def]
-    """Fills the tiles' lists and spans with the Gaussians that reach those of some columns, in the order of `splats`.
+def bin_gaussians(splats, offset, picture, tiles, ends, first_column, end_column):  # type: ignore[no-untyped-def]
+    """Fills lists and spans of a view's tiles with the Gaussians that reach those of some columns, in their order.
 
-    `ends` (T,) says where the next entry of each tile goes, at first where its list begins.
+    Args:
+        splats: those of the view, (M', 8).
+        offset: index of the first of them among those of all views.
+        picture: number of the view's first tile among those of all views, its tiles along width and height, and the
+            picture's height.
+        tiles: some tiles, of which the view has a part.
+        ends: where the next entry of each tile goes, at first where its list begins, (T,).
+        first_column, end_column: columns of tiles.
     """
-    first_tile, starts, lists, spans, width, height = tiles
-    across, n_tiles = -(-width // TILE), len(starts) - 1
-    above, below = first_tile // across, -(-(first_tile + n_tiles) // across)
+    first_tile, starts, lists, spans, _ = tiles
+    first_of_view, across, down, height = picture
+    n_tiles, skipped = len(starts) - 1, first_tile - first_of_view
+    above, below = max(skipped // across, 0), min(-(-(skipped + n_tiles) // across), down)
     for i in range(splats.shape[0]):
         x0, x1 = _columns_reached(splats[i], first_column, end_column)
         for tx in range(x0, x1):
             first, last = _rows_reached(splats[i], tx * TILE, height)
             for ty in range(max(first // TILE, above), min(-(-last // TILE), below) if first < last else 0):
-                tile = ty * across + tx - first_tile
+                tile = ty * across + tx - skipped
                 if not 0 <= tile < n_tiles:
                     continue
                 place = ends[tile]
                 # Compiled in two places, the arithmetic above may round in two ways: no list grows beyond its end.
                 if place < starts[tile + 1]:
-                    lists[place] = i
+                    lists[place] = offset + i
                     spans[place, 0], spans[place, 1] = max(first - ty * TILE, 0), min(last - ty * TILE, TILE)
                     ends[tile] += 1

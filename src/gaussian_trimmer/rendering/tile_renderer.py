@@ -1,8 +1,8 @@
-"""Draw views: tile-based, parallel over tiles, vectorised over the pixels of a tile.
+"""Draw views: tile-based, parallel over the tiles of all views, vectorised over the pixels of a tile.
 
 Three steps, each a compiled kernel: project every Gaussian, list for every tile the Gaussians that reach it from near
-to far, blend. The first two are kept for the last few pairs of Gaussians and camera, as many as fit into half a
-gigabyte, since the trimmer asks for the colours, the weights and the contributors of the same view one after another.
+to far, blend. What the first two find of single views is kept for the last few pairs of Gaussians and camera, as many
+as fit into half a gigabyte, since who selects asks for colours, weights and contributors one after another.
 
 Memory is bounded: where the lists, or the weights of their entries, would take more than half a gigabyte, tiles are
 listed and blended part by part. The result does not depend on that, nor on the number of threads: a tile is blended by
@@ -13,9 +13,8 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 from weakref import ref
 
 import cv2
@@ -23,111 +22,155 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.parallel import WORTH_A_THREAD, parallel_for, parallel_map
-from gaussian_trimmer.rendering.blending import FRUSTUM_MARGIN, MOST_PAIRS, Rendering
+from gaussian_trimmer.parallel import for_each, parallel_for
+from gaussian_trimmer.rendering.blending import Rendering
 from gaussian_trimmer.rendering.numba_kernels import blend_tiles, sum_pairs, top_of_pixels
-from gaussian_trimmer.rendering.projection_kernels import (
-    TILE,
-    Ellipsoids,
-    Pinhole,
-    Tiles,
-    bin_gaussians,
-    count_tiles,
-    project,
-)
+from gaussian_trimmer.rendering.projection import Projection, project_views, tiles_of
+from gaussian_trimmer.rendering.projection_kernels import AREA, Tiles
 
 _KEPT_BYTES = 1 << 29
 """Memory for projections that are kept for the next call; the last one is kept however large it is."""
-_LISTED_BYTES = 1 << 29
-"""Memory for the lists of a view's tiles, and for the weights of their entries."""
-_BYTES_OF_A_PAIR = 6
-_BYTES_OF_A_WEIGHT = 4
-_PROJECTED_TOGETHER = 1 << 16
-"""Gaussians that are projected in one call, so that what is copied of a table stays small."""
-_NO_LABELS = np.zeros((0, 1, 1), np.float32)
+_TOGETHER_BYTES = 1 << 28
+"""Memory for views that are drawn together, unless a single one takes more."""
+_BYTES_OF_A_GAUSSIAN, _BYTES_OF_A_PIXEL = 64, 64
+_NO_LABELS = np.zeros((0, 1, AREA), np.float32)
 UNDECIDED = np.float32(0.5)
 """Share inside the masks, and probability, that speak neither for the object nor against it."""
 
 
 @dataclass(frozen=True, eq=False)
-class Projection:
-    """The M Gaussians of a view that can reach a pixel, from near to far, and the tiles that they reach."""
+class Drawing:
+    """V views of N Gaussians that were drawn, and what is needed to ask for more of them."""
 
-    rows: IntArray
-    """Row of each drawn Gaussian in the scene, (M,)."""
-    splats: FloatArray
-    """Pixel centre (2), factor of the inverse covariance (3), opacity, half extents (2), (M, 8)."""
-    colours: FloatArray
-    """RGB and depth, (M, 4)."""
-    tile_starts: IntArray
-    """Where each tile's list begins among the lists of all tiles, row-major tiles, (T + 1,)."""
-    tiles: Tiles | None
-    """The lists of all tiles, or None where they are so long that they are made part by part."""
+    gaussians: Gaussians
+    projection: Projection
+    tiled: FloatArray
+    """Colours if they were asked for, depth, values that were given, and alpha, (C, T, A)."""
+    weights: FloatArray
+    """Blend weight of each Gaussian under each image that was given, (V, N, L)."""
+    coloured: bool = True
 
     @property
-    def nbytes(self) -> int:
-        """Memory held."""
-        lists = self.tiles.lists.nbytes + self.tiles.spans.nbytes if self.tiles else 0
-        return self.rows.nbytes + self.splats.nbytes + self.colours.nbytes + self.tile_starts.nbytes + lists
+    def cameras(self) -> Sequence[Camera]:
+        """The views' cameras."""
+        return self.projection.cameras
 
-    def parts(self, camera: Camera, n_labels: int = 0) -> Iterator[Tiles]:
-        """Yield all tiles in order, in as few runs as keep lists, and n_labels weights of each entry, within memory."""
-        of_an_entry = max(_BYTES_OF_A_PAIR, _BYTES_OF_A_WEIGHT * n_labels)
-        first, n_tiles, starts = 0, len(self.tile_starts) - 1, self.tile_starts
-        while first < n_tiles:
-            room = starts[first] + _LISTED_BYTES // of_an_entry
-            last = max(int(np.searchsorted(starts, room, side="right")) - 1, first + 1)
-            yield self._listed(first, min(last, n_tiles), camera)
-            first = last
+    @property
+    def images(self) -> list[FloatArray]:
+        """Colour and alpha, (4, H, W) each."""
+        return self.projection.images(self.tiled[[0, 1, 2, -1]])
 
-    def _listed(self, first: int, last: int, camera: Camera) -> Tiles:
-        """Return the tiles from `first` up to before `last`."""
-        begin, end = self.tile_starts[[first, last]]
-        starts = self.tile_starts[first : last + 1] - begin
-        if self.tiles is not None:
-            lists, spans = self.tiles.lists[begin:end], self.tiles.spans[begin:end]
-            return Tiles(first, starts, lists, spans, camera.width, camera.height)
-        return _binned(self.splats, starts, first, camera)
+    @property
+    def rgb(self) -> list[FloatArray]:
+        """Colours, (3, H, W) each."""
+        return self.projection.images(self.tiled[:3])
 
-    def scattered(self, sums: FloatArray, n: int) -> FloatArray:
-        """Return sums of drawn Gaussians (M, L) as sums of all Gaussians (n, L)."""
-        all_sums = np.zeros((n, sums.shape[1]), np.float32)
-        all_sums[self.rows] = sums
-        return all_sums
+    @property
+    def alpha(self) -> list[FloatArray]:
+        """Accumulated opacity, (H, W) each."""
+        return [image[0] for image in self.projection.images(self.tiled[-1:])]
+
+    @property
+    def depth(self) -> list[FloatArray]:
+        """Depth as in `Rendering`, (H, W) each."""
+        first = 3 * self.coloured
+        depth, alpha = self.tiled[first : first + 1], self.tiled[-1:]
+        depth = np.divide(depth, alpha, out=np.zeros_like(depth), where=alpha > 0)
+        return [image[0] for image in self.projection.images(depth)]
+
+    @property
+    def values(self) -> list[FloatArray]:
+        """Blended values, (C, H, W) each."""
+        return self.projection.images(self.tiled[3 * self.coloured + 1 : -1])
+
+    def blend(self, values: FloatArray) -> list[FloatArray]:
+        """Sum over Gaussians of blend weight times their values (N, C) at each pixel, (C, H, W) each."""
+        return self.projection.images(_blend(self.projection, values[self.projection.rows])[0][:-1])
+
+    def weigh(self, images: Sequence[FloatArray]) -> FloatArray:
+        """Sum over pixels of blend weight times each of the images of each view (L, H, W), (V, N, L)."""
+        nothing = np.zeros((len(self.projection.rows), 0), np.float32)
+        sums = _blend(self.projection, nothing, self.projection.tiled(images))[1]
+        return self.projection.scattered(sums, len(self.gaussians))
+
+    def renderings(self) -> list[Rendering]:
+        """Return what each camera sees; without colours if they were not asked for."""
+        none = np.zeros((0, 0, 3), np.float32)
+        rgb = [np.asarray(cv2.merge(list(image))) for image in self.rgb] if self.coloured else [none] * len(self.depth)
+        weights = [found if found.shape[1] > 1 else found.ravel() for found in self.weights]
+        alpha = [np.ascontiguousarray(image) for image in self.alpha]
+        return [Rendering(*shown) for shown in zip(rgb, alpha, self.depth, weights, strict=True)]
+
+
+def draw(
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    *,
+    values: FloatArray | None = None,
+    images: Sequence[FloatArray] | None = None,
+    around: BoolArray | None = None,
+    colours: bool = True,
+) -> Drawing:
+    """Draw some views at once.
+
+    Args:
+        gaussians: N Gaussians.
+        cameras: the views.
+        values: of the Gaussians, (N, C), which are blended like colours.
+        images: of each view, (L, H, W), under which blend weights are summed.
+        around: Gaussians whose tiles are drawn, (N,); others stay empty. None: all.
+        colours: whether colours are asked for.
+    """
+    projection = project_views(gaussians, cameras, around)
+    shown = projection.colours if colours else np.ascontiguousarray(projection.colours[:, 3:])
+    if values is not None:
+        shown = np.concatenate([shown, values[projection.rows]], axis=1)
+    labels = _NO_LABELS if images is None else projection.tiled(images)
+    tiled, sums = _blend(projection, shown, labels)
+    return Drawing(gaussians, projection, tiled, projection.scattered(sums, len(gaussians)), colours)
+
+
+def portions(gaussians: Gaussians, cameras: Sequence[Camera]) -> Iterator[slice]:
+    """Yield the views in portions that can be drawn at once within memory."""
+    pixels = max((camera.width * camera.height for camera in cameras), default=1)
+    room = _TOGETHER_BYTES // (_BYTES_OF_A_GAUSSIAN * len(gaussians) + _BYTES_OF_A_PIXEL * pixels)
+    for first in range(0, len(cameras), max(1, room)):
+        yield slice(first, first + max(1, room))
+
+
+def render_views(
+    gaussians: Gaussians, cameras: Sequence[Camera], masks: Sequence[BoolArray] | None = None, *, colours: bool = True
+) -> Iterator[Rendering]:
+    """Yield what each of some cameras sees; with masks (H, W), with the blend weights outside and inside of each."""
+    for some in portions(gaussians, cameras):
+        images = None if masks is None else [np.stack([~mask, mask]).astype(np.float32) for mask in masks[some]]
+        yield from draw(gaussians, cameras[some], images=images, colours=colours).renderings()
 
 
 def render(
-    gaussians: Gaussians,
-    camera: Camera,
-    background: FloatArray | None = None,
-    weights: bool = False,
-    mask: BoolArray | None = None,
+    gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
 ) -> Rendering:
     """Render colour, alpha and depth of a view and, in the same pass if asked for, the blend weights of Gaussians.
 
     Accurate to about 1e-4 in colour against a computation in float64. `background` is an RGB colour (3,), black if not
-    given. With a mask (H, W), the blend weights are those outside and inside of it.
+    given.
     """
     projection = _kept_projections.project(gaussians, camera)
-    labels = np.ones((int(weights), camera.height, camera.width), np.float32)
-    if mask is not None:
-        labels = np.stack([~mask, mask]).astype(np.float32)
-    image, sums = _blend(projection, projection.colours, camera, labels)
-    rgb, alpha = np.asarray(cv2.merge(list(image[:3])), np.float32), np.ascontiguousarray(image[4])
-    if background is not None:
-        rgb = rgb + (1 - alpha)[..., None] * np.asarray(background, np.float32)
-    depth = np.divide(image[3], alpha, out=np.zeros_like(alpha), where=alpha > 0)
-    sums = projection.scattered(sums, len(gaussians))
-    return Rendering(rgb, alpha, depth, sums.ravel() if mask is None else sums)
+    labels = np.ones((1, len(projection.places), AREA), np.float32) if weights else _NO_LABELS
+    tiled, sums = _blend(projection, projection.colours, labels)
+    (found,) = Drawing(gaussians, projection, tiled, projection.scattered(sums, len(gaussians))).renderings()
+    if background is None:
+        return found
+    rgb = found.rgb + (1 - found.alpha)[..., None] * np.asarray(background, np.float32)
+    return Rendering(rgb, found.alpha, found.depth, found.weights)
 
 
 def blend_values(gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
     """Sum over Gaussians of alpha_i T_i values_i at each pixel, for any values (N, C), as (H, W, C)."""
     projection = _kept_projections.project(gaussians, camera)
     drawn = np.ascontiguousarray(values[projection.rows], np.float32)
-    return np.stack(list(_blend(projection, drawn, camera, _NO_LABELS)[0][:-1]), axis=-1)
+    return np.stack(list(projection.images(_blend(projection, drawn)[0][:-1])[0]), axis=-1)
 
 
 def blend_weights(gaussians: Gaussians, camera: Camera, labels: NDArray[np.uint8], n_labels: int) -> FloatArray:
@@ -136,9 +179,7 @@ def blend_weights(gaussians: Gaussians, camera: Camera, labels: NDArray[np.uint8
     Pixels whose label is n_labels or more are left out.
     """
     projection = _kept_projections.project(gaussians, camera)
-    indicators = (labels[None] == np.arange(n_labels, dtype=np.uint8)[:, None, None]).astype(np.float32)
-    no_values = np.zeros((len(projection.rows), 0), np.float32)
-    return projection.scattered(_blend(projection, no_values, camera, indicators)[1], len(gaussians))
+    return np.asarray(_weighed(projection, [labels], n_labels, len(gaussians))[0])
 
 
 def label_weights(
@@ -155,11 +196,18 @@ def label_weights(
         labels: the label of each pixel, (H, W) each; of a mask, 0 outside and 1 inside.
         n_labels: how many labels there are; pixels of higher ones are left out.
     """
+    images = iter(labels)
+    for some in portions(gaussians, cameras):
+        projection = project_views(gaussians, cameras[some])
+        of_views = [image.astype(np.uint8) for image, _ in zip(images, cameras[some], strict=False)]
+        yield from _weighed(projection, of_views, n_labels, len(gaussians))
 
-    def weights(camera: Camera, image: NDArray[np.uint8] | BoolArray) -> FloatArray:
-        return blend_weights(gaussians, camera, image.astype(np.uint8), n_labels)
 
-    return parallel_map(weights, cameras, labels)
+def _weighed(projection: Projection, labels: Sequence[NDArray[np.uint8]], n_labels: int, n: int) -> FloatArray:
+    """Return blend weights of n Gaussians by the label of each pixel of each view (H, W), (V, n, n_labels)."""
+    numbers = np.arange(n_labels, dtype=np.uint8)[:, None, None]
+    tiled = projection.tiled([(image == numbers).astype(np.float32) for image in labels])
+    return projection.scattered(_blend(projection, np.zeros((len(projection.rows), 0), np.float32), tiled)[1], n)
 
 
 def share_inside(weights: FloatArray, min_weight: float = 0.0) -> FloatArray:
@@ -185,10 +233,11 @@ def top_contributors(gaussians: Gaussians, camera: Camera, pixels: IntArray, k: 
         raise ValueError(f"Pixels must lie in the image of {camera.width} x {camera.height}.")
     projection = _kept_projections.project(gaussians, camera)
     ids, weights = np.full((len(pixels), k), -1, np.int64), np.zeros((len(pixels), k), np.float32)
-    for tiles in projection.parts(camera):
+    across = tiles_of(camera)[0]
+    for tiles in projection.parts():
         parallel_for(
             lambda first, last, tiles=tiles: top_of_pixels(  # type: ignore[misc]
-                projection.splats, tiles, pixels[first:last], ids[first:last], weights[first:last]
+                projection.splats, tiles, across, pixels[first:last], ids[first:last], weights[first:last]
             ),
             len(pixels),
         )
@@ -210,7 +259,7 @@ class ProjectionCache:
             if known and known[0]() is gaussians and known[1]() is camera:  # An id may have passed to another object.
                 self._kept.move_to_end(key)
                 return known[2]
-        projection = project_view(gaussians, camera)
+        projection = project_views(gaussians, [camera])
         with self._looking:
             self._kept[key] = ref(gaussians), ref(camera), projection
             self._kept.move_to_end(key)
@@ -230,112 +279,13 @@ class ProjectionCache:
 _kept_projections = ProjectionCache()
 
 
-def project_view(gaussians: Gaussians, camera: Camera, wanted: BoolArray | None = None) -> Projection:
-    """Project, sort by depth (ties by row) and bin into tiles; into those wanted only, (T,), if that is given.
-
-    Raises:
-        InputError: the pairs of a tile and a Gaussian that reaches it are more than `MOST_PAIRS`.
-    """
-    splats, colours, drawn = _projected(gaussians, camera)
-    # A key of depth bits above the row number sorts by depth, ties by row, with one plain sort.
-    candidates = np.flatnonzero(drawn)
-    keys = colours[candidates, 3].view(np.uint32).astype(np.uint64) << np.uint64(32) | candidates.astype(np.uint64)
-    keys.sort()
-    rows = (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)
-    splats, colours = splats.take(rows, axis=0), colours.take(rows, axis=0)
-    across, down = -(-camera.width // TILE), -(-camera.height // TILE)
-    table = np.zeros((down + 1, across), np.int64)
-    _by_columns(lambda first, last: count_tiles(splats, camera.height, table, first, last), across, len(splats))
-    counts = table[:-1].ravel()
-    if wanted is not None:
-        counts[~wanted] = 0
-    starts = np.zeros(len(counts) + 1, np.int64)
-    np.cumsum(counts, out=starts[1:])
-    if starts[-1] > MOST_PAIRS:
-        raise InputError(
-            f"A view of {camera.width} x {camera.height} pixels consists of {starts[-1]:,} pairs of a tile and a "
-            f"Gaussian that reaches it, and at most {MOST_PAIRS:,} can be drawn; take smaller views, or remove "
-            "Gaussians that are as large as the whole picture."
-        )
-    listed = starts[-1] * _BYTES_OF_A_PAIR <= _LISTED_BYTES
-    return Projection(rows, splats, colours, starts, _binned(splats, starts, 0, camera) if listed else None)
-
-
-def _projected(gaussians: Gaussians, camera: Camera) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return what `project` finds of all Gaussians; columns of a table become arrays of their own share by share."""
-    n = len(gaussians)
-    found = np.empty((n, 8), np.float32), np.empty((n, 4), np.float32), np.zeros(n, np.bool_)
-    pinhole = pinhole_of(camera, gaussians.antialiased)
-
-    def part(first: int, last: int) -> None:
-        share = slice(first, last)
-        sh_dc, sh_rest = _owned(gaussians.sh_dc[share]), _owned(gaussians.sh_rest[share])
-        project(ellipsoids_of(gaussians, share), sh_dc, sh_rest, pinhole, *(array[share] for array in found))
-
-    parallel_for(part, n, _PROJECTED_TOGETHER, at_least=WORTH_A_THREAD)
-    return found
-
-
-def _binned(splats: FloatArray, starts: IntArray, first_tile: int, camera: Camera) -> Tiles:
-    """Return the tiles from `first_tile` on whose lists begin at `starts` (T + 1,), with their lists."""
-    lists, spans = np.zeros(starts[-1], np.int32), np.zeros((starts[-1], 2), np.uint8)
-    tiles = Tiles(first_tile, starts, lists, spans, camera.width, camera.height)
-    ends = starts[:-1].copy()
-    across = -(-camera.width // TILE)
-    _by_columns(lambda first, last: bin_gaussians(splats, tiles, ends, first, last), across, len(splats))
-    return tiles
-
-
-def _by_columns(work: Callable[[int, int], Any], across: int, n_splats: int) -> None:
-    """Call work(first, last) for columns of tiles, side by side if there are many Gaussians to go through for each."""
-    parallel_for(work, across, at_least=1 if n_splats >= WORTH_A_THREAD else across)
-
-
-def _owned(values: FloatArray) -> FloatArray:
-    """Return the same array, or a copy if it is a column of a table or cannot be written: kernels are compiled once."""
-    return np.require(values, requirements=("C", "W"))
-
-
-def ellipsoids_of(gaussians: Gaussians, rows: IntArray | slice) -> Ellipsoids:
-    """Return gaussians, or some of them, as the kernels take them."""
-    g = gaussians
-    return Ellipsoids(*(_owned(a[rows]) for a in (g.means, g.log_scales, g.quaternions, g.opacity_logits)))
-
-
-def pinhole_of(camera: Camera, antialiased: bool) -> Pinhole:
-    """Return a camera as the kernels take it, for Gaussians that are antialiased or not."""
-    margin = FRUSTUM_MARGIN * np.array([camera.width, camera.height])
-    fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
-    with np.errstate(all="ignore"):  # Lenses that are possible in name only show nothing; the kernel sees to that.
-        limits = np.array(
-            [
-                (-margin[0] - cx) / fx,
-                (camera.width + margin[0] - cx) / fx,
-                (-margin[1] - cy) / fy,
-                (camera.height + margin[1] - cy) / fy,
-            ]
-        )
-    lens = np.array([fx, fy, cx, cy, camera.width, camera.height, camera.near, antialiased], np.float64)
-    return Pinhole(np.ascontiguousarray(camera.world_to_camera), camera.centre, lens, limits)
-
-
 def _blend(
-    projection: Projection, values: FloatArray, camera: Camera, labels: FloatArray
+    projection: Projection, values: FloatArray, labels: FloatArray = _NO_LABELS
 ) -> tuple[FloatArray, FloatArray]:
-    """Return blended values, then alpha, (C + 1, H, W), and blend weights under label images (L, H, W), (M, L)."""
-    image, sums = blend_view(projection, values, camera, labels)
-    return image[:, : camera.height, : camera.width], sums
-
-
-def blend_view(
-    projection: Projection, values: FloatArray, camera: Camera, labels: FloatArray = _NO_LABELS
-) -> tuple[FloatArray, FloatArray]:
-    """Return the same, on images of whole tiles: (C + 1, H', W') and (M, L)."""
-    labels = whole_tiles(labels)
-    across, down = -(-camera.width // TILE), -(-camera.height // TILE)
-    image = np.empty((values.shape[1] + 1, down * TILE, across * TILE), np.float32)
+    """Return values (M, C) blended, then alpha, (C + 1, T, A), and weights under label pictures (L, T, A), (M, L)."""
+    image = np.empty((values.shape[1] + 1, len(projection.tile_starts) - 1, AREA), np.float32)
     sums = np.zeros((len(projection.rows), len(labels)), np.float32)
-    for tiles in projection.parts(camera, len(labels)):
+    for tiles in projection.parts(len(labels)):
         pairs = np.zeros((len(tiles.lists), len(labels)), np.float32)
         parallel_for(
             lambda first, last, tiles=tiles, pairs=pairs: blend_tiles(  # type: ignore[misc]
@@ -343,11 +293,14 @@ def blend_view(
             ),
             len(tiles.starts) - 1,
         )
-        sum_pairs(pairs, tiles.lists, sums)
+        if len(labels):
+            sum_over_tiles(projection, tiles, pairs, np.ones(len(tiles.starts) - 1, np.bool_), sums)
     return image, sums
 
 
-def whole_tiles(images: FloatArray) -> FloatArray:
-    """Extend images (L, H, W) with zeros to whole tiles, (L, H', W'); the same array if they are that already."""
-    missing = -images.shape[1] % TILE, -images.shape[2] % TILE
-    return np.pad(images, ((0, 0), (0, missing[0]), (0, missing[1]))) if any(missing) and len(images) else images
+def sum_over_tiles(projection: Projection, tiles: Tiles, pairs: FloatArray, busy: BoolArray, sums: FloatArray) -> None:
+    """Add sums of pairs (P, K) in busy tiles (T,) to those of drawn Gaussians (M, K), view by view."""
+    for_each(
+        lambda part: sum_pairs(pairs, tiles.starts[part[0] : part[1] + 1], tiles.lists, busy[slice(*part)], sums),
+        projection.by_view(tiles),
+    )

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering import blend_values, blend_weights, top_contributors
+from gaussian_trimmer.rendering.tile_renderer import label_weights
 
 CONTRIBUTORS, _MIN_ALPHA = 10, 0.3
 """Number of the largest contributors to a pixel that are looked at, and least opacity at which something is visible."""
@@ -69,7 +69,8 @@ def shown_weight(gaussians: Gaussians, camera: Camera) -> FloatArray:
 def shown_weights(gaussians: Gaussians, cameras: Sequence[Camera]) -> list[FloatArray]:
     """Return the same in each of several views, (N,) each."""
     plain = gaussians.replace(sh_rest=gaussians.sh_rest[:, :, :0])  # how much they show does not depend on colours
-    return list(parallel_map(lambda camera: shown_weight(plain, camera), cameras))
+    whole = (np.zeros((camera.height, camera.width), np.uint8) for camera in cameras)
+    return [weights[:, 0] for weights in label_weights(plain, cameras, whole, 1)]
 
 
 def check_pixel(camera: Camera, x: int, y: int) -> None:

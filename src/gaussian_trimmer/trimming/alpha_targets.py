@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import cv2
 import numpy as np
@@ -21,8 +20,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate
 from gaussian_trimmer.geometry.planes import Plane
-from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.rendering.gradients import Drawing, draw, draw_with
+from gaussian_trimmer.rendering.tile_renderer import Drawing, draw
 from gaussian_trimmer.trimming.fitting import Target
 from gaussian_trimmer.views.view import HALF, clearly_nearer
 
@@ -33,21 +31,21 @@ _TRUSTED_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectRender:
-    """An object in a view: alone, and in its scene."""
+class ObjectRenders:
+    """An object in V views: alone, and in its scene."""
 
     alone: Drawing
-    """The object by itself."""
+    """The object by itself, without colours."""
     scene: Drawing
-    """The object and what is around it. Without a mask only tiles that the object reaches are drawn."""
-    share: FloatArray
-    """Sum of the blend weights that the object's Gaussians have in the scene, S, (H, W)."""
-    mask: FloatArray | None
-    """Known coverage of what is visible of the object, in place of the labels', (H, W)."""
-    consistent: BoolArray
-    """Where the scene shows at least half of what the object shows alone, or where the mask has it, (H, W)."""
-    unknown: BoolArray
-    """Where something clearly nearer hides the object, so that this view cannot tell what is there, (H, W)."""
+    """The object and what is around it. Without masks only tiles that the object reaches are drawn."""
+    shares: Sequence[FloatArray]
+    """Sum of the blend weights that the object's Gaussians have in the scene, S, (H, W) each."""
+    masks: Sequence[FloatArray] | None
+    """Known coverage of what is visible of the object, in place of the labels', (H, W) each."""
+    consistent: Sequence[BoolArray]
+    """Where the scene shows at least half of what the object shows alone, or where the mask has it, (H, W) each."""
+    unknown: Sequence[BoolArray]
+    """Where something clearly nearer hides the object, so that the view cannot tell what is there, (H, W) each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,38 +62,41 @@ class OutlineViews:
     occluders: Gaussians | None = None
     """What else the views show before the object; None: nothing."""
 
-    def render(self, inner: Gaussians, background: Gaussians) -> list[ObjectRender]:
-        """Render an object, alone and among the Gaussians around it, in each view."""
-        masks: Sequence[FloatArray | None] = [None] * len(self.cameras) if self.masks is None else self.masks
+    def render(self, inner: Gaussians, background: Gaussians, *, colours: bool) -> ObjectRenders:
+        """Render an object, alone and among the Gaussians around it, in each view; these with colours or without."""
         everything = concatenate([inner, background, *([self.occluders] if self.occluders else [])])
-        member = np.zeros((len(everything), 1), np.float32)
-        member[: len(inner)] = 1
-        return list(parallel_map(partial(self._render, inner, everything, member), self.cameras, masks))
-
-    def _render(
-        self, inner: Gaussians, everything: Gaussians, member: FloatArray, camera: Camera, mask: FloatArray | None
-    ) -> ObjectRender:
-        alone = draw(inner, camera)
+        member = np.arange(len(everything)) < len(inner)
+        alone = draw(inner, self.cameras, colours=False)
         # Where the object does not reach, only a mask can ask for something to be shown.
-        together, (share,) = draw_with(everything, camera, member, alone.reached if mask is None else None)
-        depth = alone.depth
-        consistent = share >= _TRUSTED_SHARE * alone.image[3] if mask is None else mask > HALF
-        unknown = clearly_nearer(together.depth, depth, self.radius) & ~consistent
-        if self.ground is not None:
-            unknown &= ~self.ground.pixels_below(camera, depth)
-        return ObjectRender(alone, together, share, mask, consistent, unknown)
+        values, around = member[:, None].astype(np.float32), member if self.masks is None else None
+        together = draw(everything, self.cameras, values=values, around=around, colours=colours)
+        shares = [share for (share,) in together.values]
+        if self.masks is None:
+            consistent = [s >= _TRUSTED_SHARE * alpha for s, alpha in zip(shares, alone.alpha, strict=True)]
+        else:
+            consistent = [mask > HALF for mask in self.masks]
+        unknown = []
+        for camera, depth, nearest, seen in zip(self.cameras, alone.depth, together.depth, consistent, strict=True):
+            hidden = clearly_nearer(nearest, depth, self.radius) & ~seen
+            unknown.append(hidden if self.ground is None else hidden & ~self.ground.pixels_below(camera, depth))
+        return ObjectRenders(alone, together, shares, self.masks, consistent, unknown)
 
 
-def coverage_target(render: ObjectRender) -> Target:
-    """Return what the object alone should show in a view, with no weight where the view cannot tell."""
-    opacity, coverage = render.alone.image[3], render.mask
-    if coverage is None:
-        shown = np.minimum(opacity, np.sqrt(np.maximum(opacity * render.share, 0) / _TRUSTED_SHARE))
-        coverage = np.clip(HALF + _SHARPENING_FACTOR * (shown - HALF), 0, 1)
-    picture = np.concatenate([np.clip(render.scene.image[:3], 0, 1) * coverage, coverage[None]]).astype(np.float32)
-    counts = np.where(render.unknown, np.float32(0), np.float32(1))
-    # The three channels of colour count as much together as coverage does.
-    return Target(render.alone.camera, picture, np.stack([counts / 3, counts / 3, counts / 3, counts]))
+def coverage_targets(renders: ObjectRenders) -> list[Target]:
+    """Return what the object alone should show in each view, with no weight where the view cannot tell."""
+    targets = []
+    for number, (opacity, rgb) in enumerate(zip(renders.alone.alpha, renders.scene.rgb, strict=True)):
+        if renders.masks is None:
+            shown = np.minimum(opacity, np.sqrt(np.maximum(opacity * renders.shares[number], 0) / _TRUSTED_SHARE))
+            coverage = np.clip(HALF + _SHARPENING_FACTOR * (shown - HALF), 0, 1)
+        else:
+            coverage = renders.masks[number]
+        picture = np.concatenate([np.clip(rgb, 0, 1) * coverage, coverage[None]]).astype(np.float32)
+        counts = np.where(renders.unknown[number], np.float32(0), np.float32(1))
+        # The three channels of colour count as much together as coverage does.
+        weight = np.stack([counts / 3, counts / 3, counts / 3, counts])
+        targets.append(Target(renders.alone.cameras[number], picture, weight))
+    return targets
 
 
 def resized_mask(mask: BoolArray, camera: Camera) -> FloatArray:
@@ -104,11 +105,15 @@ def resized_mask(mask: BoolArray, camera: Camera) -> FloatArray:
     return np.asarray(cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def thin_share(drawings: Sequence[Drawing]) -> float:
-    """Return how much of what an object covers in some views is less than three pixels wide: leaves, wires, spokes."""
+def thin_share(alphas: Sequence[FloatArray]) -> float:
+    """Return how much of what an object covers in some views is less than three pixels wide: leaves, wires, spokes.
+
+    Args:
+        alphas: the object's opacity in each, (H, W).
+    """
     covered, thick, square = 0, 0, np.ones((3, 3), np.uint8)
-    for drawing in drawings:
-        mask = (drawing.image[3] > HALF).astype(np.uint8)
+    for alpha in alphas:
+        mask = (alpha > HALF).astype(np.uint8)
         covered += int(mask.sum())
         thick += int(cv2.morphologyEx(mask, cv2.MORPH_OPEN, square).sum())
     return 1 - thick / covered if covered else 0.0

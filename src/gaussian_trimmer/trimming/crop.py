@@ -19,8 +19,7 @@ from gaussian_trimmer.gaussians import (
     mask_of_rows,
 )
 from gaussian_trimmer.geometry.bounds import Bounds, touching
-from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.rendering import Rendering, blend_values, render
+from gaussian_trimmer.rendering.tile_renderer import Drawing, draw
 from gaussian_trimmer.trimming.arguments import Setup, same_cameras
 from gaussian_trimmer.trimming.config import CONTEXT_RADIUS
 from gaussian_trimmer.views.by_sight import ChosenViews, place_cameras
@@ -112,14 +111,13 @@ def crop_scene(
     )
 
 
-def render_views(gaussians: Gaussians, cameras: Sequence[Camera]) -> list[Rendering]:
-    """Draw Gaussians for each of some cameras, with blend weights."""
-    return list(parallel_map(lambda camera: render(gaussians, camera, weights=True), cameras))
+def draw_whole(gaussians: Gaussians, cameras: Sequence[Camera], *, colours: bool) -> Drawing:
+    """Draw Gaussians for some cameras, with blend weights, (V, N, 1)."""
+    whole = [np.ones((1, camera.height, camera.width), np.float32) for camera in cameras]
+    return draw(gaussians, cameras, images=whole, colours=colours)
 
 
-def complete_views(
-    crop: SceneCrop, pictures: Sequence[Rendering], objects: Sequence[Rendering], probability: FloatArray
-) -> list[View]:
+def complete_views(crop: SceneCrop, pictures: Drawing, objects: Drawing, probability: FloatArray) -> list[View]:
     """Return what each camera of a crop sees of the object and around it.
 
     Args:
@@ -131,13 +129,11 @@ def complete_views(
     shares = np.zeros((len(crop.shown), 2), np.float32)
     shares[: len(probability)] = np.stack([crop.selected, probability], axis=1)
     views = []
-    values = parallel_map(lambda camera: blend_values(crop.shown, camera, shares), crop.cameras)
-    drawn = zip(crop.cameras, pictures, objects, values, strict=True)
-    for camera, picture, alone, shown in drawn:
-        visible, expected = np.ascontiguousarray(shown[..., 0]), np.ascontiguousarray(shown[..., 1])
-        whole = alone.alpha > HALF
-        hidden = whole & (visible <= HALF) & clearly_nearer(picture.depth, alone.depth, crop.bounds.radius)
-        views.append(View(camera, picture, alone.alpha, visible, expected, bounding_box(whole), hidden))
+    shown = zip(crop.cameras, pictures.renderings(), objects.alpha, objects.depth, pictures.blend(shares), strict=True)
+    for camera, picture, alpha, depth, (visible, expected) in shown:
+        whole = alpha > HALF
+        hidden = whole & (visible <= HALF) & clearly_nearer(picture.depth, depth, crop.bounds.radius)
+        views.append(View(camera, picture, alpha, visible, expected, bounding_box(whole), hidden))
     return views
 
 

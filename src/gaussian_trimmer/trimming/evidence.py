@@ -7,16 +7,14 @@ behind them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, mask_of_rows
-from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.rendering.gradients import draw
+from gaussian_trimmer.rendering.tile_renderer import draw
 from gaussian_trimmer.settings import Share, Weight
-from gaussian_trimmer.trimming.alpha_targets import ObjectRender, OutlineViews
+from gaussian_trimmer.trimming.alpha_targets import ObjectRenders, OutlineViews
 from gaussian_trimmer.views.view import HALF, clearly_nearer
 
 TYPE_CHECKING = False
@@ -66,8 +64,8 @@ def prune(
     whole = np.flatnonzero(members & ~mask_of_rows(split, len(members)))
     inside = concatenate([gaussians.select(whole), *([cut.inner] if cut else [])])
     outside = [gaussians.select(~members), *([cut.outer] if cut and cut.outer else [])]
-    renders = views.render(inside, concatenate(outside))
-    consistent, seen, shown = np.sum(list(parallel_map(_weights, renders)), axis=0).T
+    renders = views.render(inside, concatenate(outside), colours=False)
+    consistent, seen, shown = np.sum(_weights(renders), axis=0).T
     rows = np.concatenate([whole, split])
     gone = (consistent < min_share * shown) | (~selection[rows] & (seen < HALF * shown))
     joining = np.flatnonzero(~selection[rows] & ~gone)
@@ -76,9 +74,7 @@ def prune(
     return mask_of_rows(rows[~gone], len(members))
 
 
-def _behind(
-    inner: Gaussians, chosen: BoolArray, joining: IntArray, radius: float, renders: Sequence[ObjectRender]
-) -> BoolArray:
+def _behind(inner: Gaussians, chosen: BoolArray, joining: IntArray, radius: float, renders: ObjectRenders) -> BoolArray:
     """Return which Gaussians the rest of the object hides even in the view that shows most of them, (J,).
 
     They shine through it, as the wall does behind a cupboard. What lies in its surface beside others is not hidden.
@@ -92,25 +88,29 @@ def _behind(
     """
     some, rest = inner.select(joining), inner.select(chosen)
 
-    def shown_in(render: ObjectRender) -> FloatArray:
-        return np.asarray(render.scene.weigh(np.ones((1, *render.unknown.shape), np.float32))[joining, 0])
-
-    def bare_in(view: int) -> FloatArray:
-        bare, before = (draw(part, renders[view].alone.camera) for part in (some, rest))
-        beside = (before.image[3] > HALF) & ~clearly_nearer(before.depth, bare.depth, radius)
-        return bare.weigh((~beside)[None].astype(np.float32))[:, 0]
-
-    shown = np.stack(list(parallel_map(shown_in, renders)))  # (views, J)
+    ones = [np.ones((1, *unknown.shape), np.float32) for unknown in renders.unknown]
+    shown = renders.scene.weigh(ones)[:, joining, 0]  # (views, J)
     best, of_best = np.unique(shown.argmax(axis=0), return_inverse=True)
-    bare = np.stack(list(parallel_map(bare_in, best)))[of_best, np.arange(len(joining))]
-    return np.asarray(shown.max(axis=0) < HALF * bare)
+    cameras = [renders.alone.cameras[view] for view in best]
+    bare, before = (draw(part, cameras, colours=False) for part in (some, rest))
+    beside = [
+        (alpha > HALF) & ~clearly_nearer(nearest, depth, radius)
+        for alpha, nearest, depth in zip(before.alpha, before.depth, bare.depth, strict=True)
+    ]
+    alone = bare.weigh([(~there)[None].astype(np.float32) for there in beside])[of_best, np.arange(len(joining)), 0]
+    return np.asarray(shown.max(axis=0) < HALF * alone)
 
 
-def _weights(render: ObjectRender) -> FloatArray:
-    """Return blend weights of the object's Gaussians alone where the view can tell, (M, 3).
+def _weights(renders: ObjectRenders) -> FloatArray:
+    """Return blend weights of the object's Gaussians alone where each view can tell, (V, M, 3).
 
     They are those where it is consistent, where the object is seen, and all.
     """
-    counts = ~render.unknown
-    seen = render.share > HALF if render.mask is None else render.mask > HALF
-    return render.alone.weigh(np.stack([render.consistent & counts, seen & counts, counts]).astype(np.float32))
+    known = renders.shares if renders.masks is None else renders.masks
+    counts = [~unknown for unknown in renders.unknown]
+    return renders.alone.weigh(
+        [
+            np.stack([same & tells, (share > HALF) & tells, tells]).astype(np.float32)
+            for same, share, tells in zip(renders.consistent, known, counts, strict=True)
+        ]
+    )

@@ -10,15 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, rotation_matrices
-from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering.gradient_kernels import N_PARAMETERS
-from gaussian_trimmer.rendering.gradients import draw, gradients, loss_gradient
+from gaussian_trimmer.rendering.gradients import gradients, loss_gradient
+from gaussian_trimmer.rendering.projection import as_tiles
+from gaussian_trimmer.rendering.tile_renderer import draw
 
 _VIEWS_PER_STEP = 2
 _HUBER_DELTA = 0.1
@@ -74,13 +74,14 @@ def fit(
     change = np.zeros((len(rows), N_PARAMETERS), np.float32)
     mean, square = np.zeros_like(change), np.zeros_like(change)
     order = golden_ratio_order(len(targets))
+    pictures, weights = [as_tiles(t.picture) for t in targets], [as_tiles(t.weight) for t in targets]
     current = gaussians
     for step in range(steps):
-        seen = [targets[order[(_VIEWS_PER_STEP * step + k) % len(order)]] for k in range(_VIEWS_PER_STEP)]
-        gradient = np.zeros_like(change)
-        for of_view in parallel_map(partial(_gradient, current, moving), seen):
-            gradient += of_view[rows]
-        gradient /= _VIEWS_PER_STEP
+        seen = [order[(_VIEWS_PER_STEP * step + k) % len(order)] for k in range(_VIEWS_PER_STEP)]
+        drawing = draw(current, [targets[view].camera for view in seen], around=moving)
+        wanted, counts = (np.concatenate([tiled[view] for view in seen], axis=1) for tiled in (pictures, weights))
+        slopes = loss_gradient(drawing, wanted, counts, _HUBER_DELTA)
+        gradient = gradients(drawing, slopes, moving).sum(axis=0) / _VIEWS_PER_STEP
         gradient[:, :3] = np.einsum("nij,ni->nj", axes, gradient[:, :3])
         gradient = np.nan_to_num(gradient, nan=0.0).clip(-_MAX_GRADIENT, _MAX_GRADIENT)
         gradient += prior * change
@@ -91,11 +92,6 @@ def fit(
         change -= np.float32(rate * (1 - step / steps)) * direction / length
         current = changed(gaussians, rows, change, axes)
     return current
-
-
-def _gradient(gaussians: Gaussians, moving: BoolArray, target: Target) -> FloatArray:
-    drawing = draw(gaussians, target.camera)
-    return gradients(drawing, loss_gradient(drawing, target.picture, target.weight, _HUBER_DELTA), moving)
 
 
 def changed(gaussians: Gaussians, rows: IntArray, change: FloatArray, axes: FloatArray) -> Gaussians:

@@ -9,6 +9,7 @@ background everywhere.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -16,10 +17,9 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, rotation_matrices
 from gaussian_trimmer.geometry.split import split_plane
-from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.rendering.gradients import Drawing
+from gaussian_trimmer.rendering.tile_renderer import Drawing
 from gaussian_trimmer.settings import Range, Share
-from gaussian_trimmer.trimming.alpha_targets import OutlineViews, coverage_target, thin_share
+from gaussian_trimmer.trimming.alpha_targets import OutlineViews, coverage_targets, thin_share
 from gaussian_trimmer.trimming.fitting import Target, fit
 
 _MAX_CUTS = 5
@@ -102,14 +102,13 @@ def refine(
         was.
     """
     inner = whole.gaussians
-    renders = views.render(inner, background)
-    drawings = [render.alone for render in renders]
-    thin = thin_share(drawings) if views.masks is None else 0.0
+    renders = views.render(inner, background, colours=True)
+    thin = thin_share(renders.alone.alpha) if views.masks is None else 0.0
     if thin > config.max_thin:
         limit = f"the limit is {100 * config.max_thin:g} %"
         return whole, f"{100 * thin:.1f} % of the object is thinner than three pixels; {limit}"
-    targets = [coverage_target(render) for render in renders]
-    wrong = np.sum(list(parallel_map(_wrong_weight, drawings, targets)), axis=0)
+    targets = coverage_targets(renders)
+    wrong = np.sum(_wrong_weight(renders.alone, targets), axis=0)
     is_boundary = np.asarray(wrong[:, 0] > config.wrong_share * wrong[:, 1])
     pieces, parent = inner, np.arange(len(inner))
     each = np.where(is_boundary, wrong[:, 0], 0) / len(targets)
@@ -126,11 +125,12 @@ def refine(
     return Pieces(pieces.select(order), source[order], part[order], (moving | cut)[order]), None
 
 
-def _wrong_weight(alone: Drawing, target: Target) -> FloatArray:
-    """Return blend weight at wrong pixels and in all, in pixels of a view of 256 x 256, (N, 2)."""
-    wrong = np.abs(alone.image[3] - target.picture[3]) * target.weight[3]
-    scale = _REFERENCE_PIXELS / (target.camera.width * target.camera.height)
-    return alone.weigh(np.stack([wrong, np.ones_like(wrong)])) * np.float32(scale)
+def _wrong_weight(alone: Drawing, targets: Sequence[Target]) -> FloatArray:
+    """Return blend weight at wrong pixels and in all, in pixels of views of 256 x 256, (V, N, 2)."""
+    wrong = [np.abs(alpha - t.picture[3]) * t.weight[3] for alpha, t in zip(alone.alpha, targets, strict=True)]
+    scales = [_REFERENCE_PIXELS / (camera.width * camera.height) for camera in alone.cameras]
+    weights = alone.weigh([np.stack([image, np.ones_like(image)]) for image in wrong])
+    return weights * np.array(scales, np.float32)[:, None, None]
 
 
 def _cut(pieces: Gaussians, parent: IntArray, coarse: BoolArray) -> tuple[Gaussians, IntArray]:

@@ -16,8 +16,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds
-from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.rendering import blend_weights
+from gaussian_trimmer.rendering.tile_renderer import label_weights
 from gaussian_trimmer.views.camera_rings import framing_ring
 from gaussian_trimmer.views.small_views import angles_around
 from gaussian_trimmer.views.standing import thinned
@@ -154,7 +153,7 @@ def _weights(gaussians: Gaussians, cameras: Sequence[Camera]) -> FloatArray:
     """Return how much each camera sees of each Gaussian, (V, N)."""
     colourless = gaussians.replace(sh_rest=gaussians.sh_rest[..., :0])  # which saves a third of the time
     whole = np.zeros((_TRIAL_PIXELS, _TRIAL_PIXELS), np.uint8)
-    return np.stack(list(parallel_map(lambda camera: blend_weights(colourless, camera, whole, 1)[:, 0], cameras)))
+    return np.stack(list(label_weights(colourless, cameras, [whole] * len(cameras), 1)))[..., 0]
 
 
 def _free(shown: FloatArray, target: Gaussians, cameras: Sequence[Camera]) -> BoolArray:

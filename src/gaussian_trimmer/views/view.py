@@ -115,7 +115,7 @@ def without_pictures(trimmed: TrimmedView) -> TrimmedView:
     )
 
 
-def visible_weight(weights: Sequence[FloatArray], cameras: Sequence[Camera]) -> FloatArray:
+def visible_weight(weights: Sequence[FloatArray] | FloatArray, cameras: Sequence[Camera]) -> FloatArray:
     """Sum blend weights over views, in pixels of five views of 512 x 512.
 
     Args:
