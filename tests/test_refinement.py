@@ -68,7 +68,8 @@ def refine(
     ball: Gaussians, background: Gaussians, views: OutlineViews, config: RefineConfig
 ) -> tuple[Pieces, str | None]:
     """Fit Gaussians of a scene that has nothing else."""
-    return refine_pieces(Pieces.of(ball, np.arange(len(ball))), background, views, config)
+    renders = views.render(ball, background, colours=True)
+    return refine_pieces(Pieces.of(ball, np.arange(len(ball))), renders, config)
 
 
 def _elongation(gaussians: Gaussians) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
+from gaussian_trimmer.gaussians import Float64Array, FloatArray
 
 MIN_INLIERS = 20
 """Fewest points that a plane is found from."""
@@ -34,13 +34,12 @@ class Plane:
         """Return how far points (N, 3) lie from the plane, positive on the side of its normal, (N,)."""
         return np.asarray(points @ self.normal - self.offset)
 
-    def pixels_below(self, camera: Camera, depth: FloatArray) -> BoolArray:
-        """Return the pixels of a camera whose points at these depths (H, W) lie below the plane, (H, W)."""
+    def pixel_heights(self, camera: Camera, depth: FloatArray) -> Float64Array:
+        """Return how high above the plane what a camera's pixels show at these depths (H, W) lies, (H, W)."""
         x = (np.arange(camera.width) + 0.5 - camera.K[0, 2]) / camera.K[0, 0]
         y = (np.arange(camera.height) + 0.5 - camera.K[1, 2]) / camera.K[1, 1]
         right, down, forward = camera.rotation @ self.normal
-        heights = self.normal @ camera.centre + depth * (right * x + down * y[:, None] + forward)
-        return np.asarray(heights < self.offset)
+        return np.asarray(self.normal @ camera.centre - self.offset + depth * (right * x + down * y[:, None] + forward))
 
 
 def floor_and_wall_directions() -> Float64Array:

@@ -85,7 +85,9 @@ def close_gaps(views: RemovalViews, background: Gaussians) -> Gaussians:
 
     def seen(scene: Gaussians) -> list[_Behind]:
         rests = render_views(scene, views.observing)
-        return [_Behind(*sight) for sight in zip(views.observing, views.observed.alone, rests, strict=True)]
+        return [
+            _Behind(*sight) for sight in zip(views.observing, views.observed.alone.renderings(), rests, strict=True)
+        ]
 
     sights = seen(background)
     if not any(_stays_open(sight, background, views) for sight in sights):

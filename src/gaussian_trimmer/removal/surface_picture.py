@@ -149,11 +149,11 @@ def _count_views(
     coarse = coordinates[::_COARSENING, ::_COARSENING] + [*[(_COARSENING - 1) / 2 / PIXELS_A_RADIUS] * 2, 0]
     points = surface.points(coarse.reshape(-1, 3))
     counts = np.zeros((4, len(points)), np.int64)
-    for camera, silhouette, seen, sighted in _from_before(views, surfaces):
+    for camera, silhouette, depth, sighted in _from_before(views, surfaces):
         pixels, _ = camera.project(points)
         rows = np.flatnonzero(camera.contains(pixels))
         x, y = pixels[rows].astype(np.int64).T
-        height = surface.heights(seen[y, x])
+        height = surface.pixel_heights(camera, depth)[y, x]
         of_object, near_it = silhouette[y, x], grown(silhouette, _EDGE_PIXELS)[y, x]
         counts[0, rows] += ~near_it & (np.abs(height) <= THICKNESS_RADII)
         counts[1, rows] += sighted & ~near_it & (height < -THICKNESS_RADII)

@@ -12,8 +12,9 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, LabelArray
 from gaussian_trimmer.geometry.bounds import Bounds, own_frame, robust_bounds
-from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.rendering.tile_renderer import label_weights, render_views
+from gaussian_trimmer.geometry.planes import Plane
+from gaussian_trimmer.rendering.projection import Projection, project_views
+from gaussian_trimmer.rendering.tile_renderer import Drawing, draw_projected
 from gaussian_trimmer.views.small_views import views_of_place
 from gaussian_trimmer.views.view import HALF, shown_by
 
@@ -43,6 +44,11 @@ class Surface:
         """Return heights of points (..., 3) above the plane, in object radii, (...)."""
         return np.asarray((points - self.origin) @ self.axes[2] / self.unit)
 
+    def pixel_heights(self, camera: Camera, depth: FloatArray) -> Float64Array:
+        """Return heights above the plane of what a camera's pixels show at these depths (H, W), (H, W)."""
+        plane = Plane(self.axes[2], float(self.axes[2] @ self.origin))
+        return plane.pixel_heights(camera, depth) / self.unit
+
     def points(self, coordinates: Float64Array) -> Float64Array:
         """Return the points of the scene with given coordinates (N, 3)."""
         return np.asarray(coordinates @ self.axes * self.unit + self.origin)
@@ -62,8 +68,8 @@ class Sight(NamedTuple):
     camera: Camera
     silhouette: BoolArray
     """The object alone, (H, W)."""
-    points: Float64Array
-    """The points of the scene that its pixels show, (H, W, 3)."""
+    depth: FloatArray
+    """Depth of what its pixels show, far away where nothing is, (H, W)."""
     of_object: bool
     """Whether it shows half as much of the object as the best view does, rather than a wall before it."""
 
@@ -86,6 +92,8 @@ class RemovalViews:
     """Views from where the object was seen, for what no surface explains."""
     beyond: Callable[[Sequence[Camera]], Gaussians] | None = None
     """Returns what cameras show of the rest of the scene; None if there is no rest."""
+    projected: dict[int, Projection] = field(default_factory=dict)
+    """Everything in the views of some cameras, by these: which of it is the object makes no difference."""
     counted: dict[tuple[Surface, ...], list[IntArray]] = field(default_factory=dict, init=False)
     """How views see a surface among others, which is asked when it is found and when its picture is taken."""
 
@@ -99,38 +107,49 @@ class RemovalViews:
         """The same in the views from where the object was seen."""
         return self._in(self.observing)
 
+    @property
+    def projection(self) -> Projection:
+        """Everything in the views."""
+        if id(self.cameras) not in self.projected:
+            self.projected[id(self.cameras)] = project_views(self.gaussians, self.cameras, colours=False)
+        return self.projected[id(self.cameras)]
+
     @cached_property
-    def alone(self) -> list[Rendering]:
+    def alone(self) -> Drawing:
         """The object alone in each view, without colours."""
-        return list(render_views(self.gaussians.select(self.of_object), self.cameras, colours=False))
+        return draw_projected(self.gaussians, self.projection.of(self.of_object), colours=False)
 
     @cached_property
     def silhouettes(self) -> list[BoolArray]:
         """The object alone in each view, (H, W)."""
-        return [rendering.alpha > HALF for rendering in self.alone]
+        return [alpha > HALF for alpha in self.alone.alpha]
 
     @cached_property
-    def renderings(self) -> list[Rendering]:
+    def scene(self) -> Drawing:
         """Everything in each view, without colours, with blend weights outside and inside the silhouette."""
-        return list(render_views(self.gaussians, self.cameras, self.silhouettes, colours=False))
+        return draw_projected(self.gaussians, self.projection, images=self._sides, colours=False)
+
+    @cached_property
+    def _sides(self) -> list[FloatArray]:
+        """Where each view shows what is outside and inside the silhouette, (2, H, W)."""
+        return [np.stack([~mask, mask]).astype(np.float32) for mask in self.silhouettes]
 
     @cached_property
     def sights(self) -> list[Sight]:
         """What each view shows of the object and of the rest."""
-        shares = [
-            float(rendering.weights[self.of_object].sum() / max(alone.alpha.sum(), 1))
-            for rendering, alone in zip(self.renderings, self.alone, strict=True)
-        ]
+        drawn = zip(self.visible_in_view, self.alone.alpha, strict=True)
+        shares = [float(weights[self.of_object].sum() / max(alpha.sum(), 1)) for weights, alpha in drawn]
         least = HALF * max(shares, default=0)
+        shown = zip(self.cameras, self.silhouettes, self.scene.alpha, self.scene.depth, shares, strict=True)
         return [
-            Sight(camera, mask, points_at(camera, np.where(seen.alpha > HALF, seen.depth, _FAR)), share > least)
-            for camera, mask, seen, share in zip(self.cameras, self.silhouettes, self.renderings, shares, strict=True)
+            Sight(camera, mask, np.where(alpha > HALF, depth, _FAR), share > least)
+            for camera, mask, alpha, depth, share in shown
         ]
 
-    @cached_property
+    @property
     def visible_in_view(self) -> FloatArray:
         """Blend weight of each Gaussian outside and inside the silhouette, with everything in each view, (V, N, 2)."""
-        return np.array([rendering.weights for rendering in self.renderings])
+        return self.scene.weights
 
     @cached_property
     def visible(self) -> FloatArray:
@@ -144,10 +163,8 @@ class RemovalViews:
 
     def weigh(self, part: BoolArray) -> FloatArray:
         """Return the same as `visible` where only a part (N,) is in the views, (N, 2)."""
-        total = np.zeros((len(part), 2), np.float32)
-        for weights in label_weights(self.gaussians.select(part), self.cameras, self.silhouettes):
-            total[part] += weights
-        return total
+        nothing = draw_projected(self.gaussians, self.projection.of(part), images=self._sides, colours=False)
+        return np.asarray(nothing.weights.sum(axis=0))
 
     def _in(self, cameras: Sequence[Camera]) -> RemovalViews:
         return replace(self, cameras=cameras, cameras_above=(), observing=())

@@ -43,6 +43,8 @@ _SIDE_BY_SIDE = 1 << 18
 class Projection:
     """The Gaussians that can reach a pixel of V views, M in all, each view's from near to far, and the T tiles."""
 
+    n: int
+    """Number of Gaussians that were projected, drawn or not."""
     cameras: Sequence[Camera]
     rows: IntArray
     """Row of each drawn Gaussian in the scene, (M,)."""
@@ -81,10 +83,10 @@ class Projection:
         while first < n_tiles:
             room = starts[first] + _LISTED_BYTES // of_an_entry
             last = min(max(int(np.searchsorted(starts, room, side="right")) - 1, first + 1), n_tiles)
-            yield self._listed(first, last)
+            yield self._part(first, last)
             first = last
 
-    def _listed(self, first: int, last: int) -> Tiles:
+    def _part(self, first: int, last: int) -> Tiles:
         """Return the tiles from `first` up to before `last`."""
         begin, end = self.tile_starts[[first, last]]
         starts = self.tile_starts[first : last + 1] - begin
@@ -97,9 +99,31 @@ class Projection:
         ends = np.clip(self.first_tiles - tiles.first, 0, len(tiles.starts) - 1)
         return list(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True))
 
-    def scattered(self, sums: FloatArray, n: int) -> FloatArray:
-        """Return sums of drawn Gaussians (M, L) as sums of all n Gaussians in each view, (V, n, L)."""
-        all_sums = np.zeros((len(self.cameras), n, sums.shape[1]), np.float32)
+    def of(self, part: BoolArray) -> Projection:
+        """Return what the views show where only a part of the Gaussians (N,) is in them."""
+        kept = part[self.rows]
+        rows, splats, colours = self.rows[kept], self.splats[kept], self.colours[kept]
+        view_starts = np.append(0, np.cumsum(kept))[self.view_starts]
+        views = zip(self.cameras, view_starts[:-1], view_starts[1:], strict=True)
+        counts = for_each(lambda view: _counted(splats[view[1] : view[2]], view[0]), list(views))
+        return _listed(self.n, self.cameras, rows, splats, colours, view_starts, counts)
+
+    def around(self, part: BoolArray) -> Projection:
+        """Return the same views, where only tiles that a part of the Gaussians (N,) reaches list any."""
+        kept, counts = part[self.rows], np.diff(self.tile_starts)
+        splats = [self.splats[drawn][kept[drawn]] for drawn in map(self.drawn, range(len(self.cameras)))]
+        reached = [_counted(of_view, camera) for of_view, camera in zip(splats, self.cameras, strict=True)]
+        wanted = np.concatenate([np.zeros(0, np.int64), *reached]) > 0
+        starts = np.append(0, np.where(wanted, counts, 0).cumsum())
+        if self.tiles is None:
+            return replace(self, tile_starts=starts)
+        pairs = np.repeat(wanted, counts)
+        tiles = Tiles(0, starts, self.tiles.lists[pairs], self.tiles.spans[pairs], self.places)
+        return replace(self, tile_starts=starts, tiles=tiles)
+
+    def scattered(self, sums: FloatArray) -> FloatArray:
+        """Return sums of drawn Gaussians (M, L) as sums of all N Gaussians in each view, (V, N, L)."""
+        all_sums = np.zeros((len(self.cameras), self.n, sums.shape[1]), np.float32)
         for view in range(len(self.cameras)):
             all_sums[view, self.rows[self.drawn(view)]] = sums[self.drawn(view)]
         return all_sums
@@ -116,7 +140,7 @@ class Projection:
     def tiled(self, images: Sequence[FloatArray]) -> FloatArray:
         """Return an image of each view, (C, H, W), as pictures (C, T, A), zero beside them."""
         found = [as_tiles(image) for image in images]
-        return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
+        return np.concatenate(found, axis=1) if found else np.zeros((0, 0, AREA), np.float32)
 
 
 def as_tiles(image: FloatArray) -> FloatArray:
@@ -127,30 +151,48 @@ def as_tiles(image: FloatArray) -> FloatArray:
     return np.ascontiguousarray(parts.reshape(len(image), -1, AREA), np.float32)
 
 
-def project_views(gaussians: Gaussians, cameras: Sequence[Camera], around: BoolArray | None = None) -> Projection:
+def project_views(
+    gaussians: Gaussians, cameras: Sequence[Camera], around: BoolArray | None = None, *, colours: bool = True
+) -> Projection:
     """Project, sort by depth (ties by row) and bin into tiles.
 
     Args:
         gaussians: N Gaussians.
         cameras: the views.
         around: Gaussians to whose tiles the others are binned only, (N,); None: to all tiles.
+        colours: whether colours are right; without, which saves a third of the time, they are those without harmonics.
 
     Raises:
         InputError: the pairs of a tile and a Gaussian that reaches it are more than `MOST_PAIRS`.
     """
+    if not colours:
+        gaussians = gaussians.replace(sh_rest=gaussians.sh_rest[..., :0])
     if len(gaussians) < _SIDE_BY_SIDE and len(cameras) > 1:
         found = for_each(lambda camera: _project_view(gaussians, camera, around), cameras)
     else:
         found = [_project_view(gaussians, camera, around) for camera in cameras]
-    rows, splats, colours, counts = (
-        np.concatenate(part) if len(part) > 1 else part[0] for part in zip(*found, strict=True)
-    )
-    view_starts, first_tiles = (np.append(0, np.cumsum([len(view[i]) for view in found])) for i in (0, 3))
-    starts = np.append(0, np.cumsum(counts))
-    projection = Projection(cameras, rows, splats, colours, view_starts, first_tiles, starts, None)
-    if starts[-1] * _BYTES_OF_A_PAIR > _LISTED_BYTES:
-        return projection
-    return replace(projection, tiles=_binned(projection, starts, 0))
+    none = np.zeros(0, np.int64), np.zeros((0, 8), np.float32), np.zeros((0, 4), np.float32)
+    columns = zip(none, *(view[:3] for view in found), strict=True)
+    rows, splats, shown = found[0][:3] if len(found) == 1 else map(np.concatenate, columns)
+    view_starts = np.append(0, np.cumsum([len(view[0]) for view in found], dtype=np.int64))
+    return _listed(len(gaussians), cameras, rows, splats, shown, view_starts, [view[3] for view in found])
+
+
+def _listed(
+    n: int,
+    cameras: Sequence[Camera],
+    rows: IntArray,
+    splats: FloatArray,
+    colours: FloatArray,
+    view_starts: IntArray,
+    counts: Sequence[IntArray],
+) -> Projection:
+    """Return a projection with its tiles' lists, where they are not too long, by how many reach each tile, (T,)."""
+    first_tiles = np.append(0, np.cumsum([len(of_view) for of_view in counts], dtype=np.int64))
+    starts = np.concatenate([np.zeros(1, np.int64), *counts]).cumsum()
+    projection = Projection(n, cameras, rows, splats, colours, view_starts, first_tiles, starts, None)
+    listed = starts[-1] * _BYTES_OF_A_PAIR <= _LISTED_BYTES
+    return replace(projection, tiles=_binned(projection, starts, 0)) if listed else projection
 
 
 def _project_view(

@@ -84,15 +84,19 @@ class Drawing:
         """Blended values, (C, H, W) each."""
         return self.projection.images(self.tiled[3 * self.coloured + 1 : -1])
 
-    def blend(self, values: FloatArray) -> list[FloatArray]:
-        """Sum over Gaussians of blend weight times their values (N, C) at each pixel, (C, H, W) each."""
-        return self.projection.images(_blend(self.projection, values[self.projection.rows])[0][:-1])
+    def blend(self, values: FloatArray, around: BoolArray) -> list[FloatArray]:
+        """Sum over Gaussians of blend weight times their values (N, C) at each pixel, (C, H, W) each.
+
+        Zero beside the tiles that some of them (N,) reach.
+        """
+        projection = self.projection.around(around)
+        return projection.images(_blend(projection, values[projection.rows])[0][:-1])
 
     def weigh(self, images: Sequence[FloatArray]) -> FloatArray:
         """Sum over pixels of blend weight times each of the images of each view (L, H, W), (V, N, L)."""
         nothing = np.zeros((len(self.projection.rows), 0), np.float32)
         sums = _blend(self.projection, nothing, self.projection.tiled(images))[1]
-        return self.projection.scattered(sums, len(self.gaussians))
+        return self.projection.scattered(sums)
 
     def renderings(self) -> list[Rendering]:
         """Return what each camera sees; without colours if they were not asked for."""
@@ -122,13 +126,25 @@ def draw(
         around: Gaussians whose tiles are drawn, (N,); others stay empty. None: all.
         colours: whether colours are asked for.
     """
-    projection = project_views(gaussians, cameras, around)
+    projection = project_views(gaussians, cameras, around, colours=colours)
+    return draw_projected(gaussians, projection, values=values, images=images, colours=colours)
+
+
+def draw_projected(
+    gaussians: Gaussians,
+    projection: Projection,
+    *,
+    values: FloatArray | None = None,
+    images: Sequence[FloatArray] | None = None,
+    colours: bool = True,
+) -> Drawing:
+    """Draw views of Gaussians, or of a part of them, that were projected already; as `draw` otherwise."""
     shown = projection.colours if colours else np.ascontiguousarray(projection.colours[:, 3:])
     if values is not None:
         shown = np.concatenate([shown, values[projection.rows]], axis=1)
     labels = _NO_LABELS if images is None else projection.tiled(images)
     tiled, sums = _blend(projection, shown, labels)
-    return Drawing(gaussians, projection, tiled, projection.scattered(sums, len(gaussians)), colours)
+    return Drawing(gaussians, projection, tiled, projection.scattered(sums), colours)
 
 
 def portions(gaussians: Gaussians, cameras: Sequence[Camera]) -> Iterator[slice]:
@@ -159,7 +175,7 @@ def render(
     projection = _kept_projections.project(gaussians, camera)
     labels = np.ones((1, len(projection.places), AREA), np.float32) if weights else _NO_LABELS
     tiled, sums = _blend(projection, projection.colours, labels)
-    (found,) = Drawing(gaussians, projection, tiled, projection.scattered(sums, len(gaussians))).renderings()
+    (found,) = Drawing(gaussians, projection, tiled, projection.scattered(sums)).renderings()
     if background is None:
         return found
     rgb = found.rgb + (1 - found.alpha)[..., None] * np.asarray(background, np.float32)
@@ -179,7 +195,7 @@ def blend_weights(gaussians: Gaussians, camera: Camera, labels: NDArray[np.uint8
     Pixels whose label is n_labels or more are left out.
     """
     projection = _kept_projections.project(gaussians, camera)
-    return np.asarray(_weighed(projection, [labels], n_labels, len(gaussians))[0])
+    return np.asarray(_weighed(projection, [labels], n_labels)[0])
 
 
 def label_weights(
@@ -198,16 +214,16 @@ def label_weights(
     """
     images = iter(labels)
     for some in portions(gaussians, cameras):
-        projection = project_views(gaussians, cameras[some])
+        projection = project_views(gaussians, cameras[some], colours=False)
         of_views = [image.astype(np.uint8) for image, _ in zip(images, cameras[some], strict=False)]
-        yield from _weighed(projection, of_views, n_labels, len(gaussians))
+        yield from _weighed(projection, of_views, n_labels)
 
 
-def _weighed(projection: Projection, labels: Sequence[NDArray[np.uint8]], n_labels: int, n: int) -> FloatArray:
-    """Return blend weights of n Gaussians by the label of each pixel of each view (H, W), (V, n, n_labels)."""
+def _weighed(projection: Projection, labels: Sequence[NDArray[np.uint8]], n_labels: int) -> FloatArray:
+    """Return blend weights of N Gaussians by the label of each pixel of each view (H, W), (V, N, n_labels)."""
     numbers = np.arange(n_labels, dtype=np.uint8)[:, None, None]
     tiled = projection.tiled([(image == numbers).astype(np.float32) for image in labels])
-    return projection.scattered(_blend(projection, np.zeros((len(projection.rows), 0), np.float32), tiled)[1], n)
+    return projection.scattered(_blend(projection, np.zeros((len(projection.rows), 0), np.float32), tiled)[1])
 
 
 def share_inside(weights: FloatArray, min_weight: float = 0.0) -> FloatArray:

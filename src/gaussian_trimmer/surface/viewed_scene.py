@@ -68,9 +68,8 @@ def shown_weight(gaussians: Gaussians, camera: Camera) -> FloatArray:
 
 def shown_weights(gaussians: Gaussians, cameras: Sequence[Camera]) -> list[FloatArray]:
     """Return the same in each of several views, (N,) each."""
-    plain = gaussians.replace(sh_rest=gaussians.sh_rest[:, :, :0])  # how much they show does not depend on colours
     whole = (np.zeros((camera.height, camera.width), np.uint8) for camera in cameras)
-    return [weights[:, 0] for weights in label_weights(plain, cameras, whole, 1)]
+    return [weights[:, 0] for weights in label_weights(gaussians, cameras, whole, 1)]
 
 
 def check_pixel(camera: Camera, x: int, y: int) -> None:

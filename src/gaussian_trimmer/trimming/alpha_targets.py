@@ -12,7 +12,7 @@ This is made twice as steep (docs/decisions.md), so that an outline grows sharp 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -20,7 +20,8 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate
 from gaussian_trimmer.geometry.planes import Plane
-from gaussian_trimmer.rendering.tile_renderer import Drawing, draw
+from gaussian_trimmer.rendering.projection import Projection, project_views
+from gaussian_trimmer.rendering.tile_renderer import Drawing, draw_projected
 from gaussian_trimmer.trimming.fitting import Target
 from gaussian_trimmer.views.view import HALF, clearly_nearer
 
@@ -32,8 +33,10 @@ _TRUSTED_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class ObjectRenders:
-    """An object in V views: alone, and in its scene."""
+    """An object of M Gaussians in V views: alone, and among all N of its scene."""
 
+    member: BoolArray
+    """Which of the N are the object's, (N,)."""
     alone: Drawing
     """The object by itself, without colours."""
     scene: Drawing
@@ -46,6 +49,10 @@ class ObjectRenders:
     """Where the scene shows at least half of what the object shows alone, or where the mask has it, (H, W) each."""
     unknown: Sequence[BoolArray]
     """Where something clearly nearer hides the object, so that the view cannot tell what is there, (H, W) each."""
+
+    def weigh_alone(self, images: Sequence[FloatArray]) -> FloatArray:
+        """Return the blend weights of the object's Gaussians alone under images of each view (L, H, W), (V, M, L)."""
+        return self.alone.weigh(images)[:, self.member]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +69,29 @@ class OutlineViews:
     occluders: Gaussians | None = None
     """What else the views show before the object; None: nothing."""
 
+    projected: dict[str, Projection] = field(default_factory=dict)
+    """Everything in the views once it was drawn, for another object in it."""
+
     def render(self, inner: Gaussians, background: Gaussians, *, colours: bool) -> ObjectRenders:
         """Render an object, alone and among the Gaussians around it, in each view; these with colours or without."""
         everything = concatenate([inner, background, *([self.occluders] if self.occluders else [])])
         member = np.arange(len(everything)) < len(inner)
-        alone = draw(inner, self.cameras, colours=False)
+        return self._render(everything, member, project_views(everything, self.cameras, colours=colours), colours)
+
+    def render_part(self, gaussians: Gaussians, member: BoolArray, *, colours: bool) -> ObjectRenders:
+        """Return the same of those of some Gaussians that are the object's, (N,); these are the same at every call."""
+        hiding = self.occluders or gaussians.select(slice(0))
+        everything = concatenate([gaussians, hiding]) if len(hiding) else gaussians
+        if not self.projected:
+            self.projected["everything"] = project_views(everything, self.cameras)
+        member = np.append(member, np.zeros(len(hiding), np.bool_))
+        return self._render(everything, member, self.projected["everything"], colours)
+
+    def _render(self, everything: Gaussians, member: BoolArray, projection: Projection, colours: bool) -> ObjectRenders:
+        alone = draw_projected(everything, projection.of(member), colours=False)
         # Where the object does not reach, only a mask can ask for something to be shown.
-        values, around = member[:, None].astype(np.float32), member if self.masks is None else None
-        together = draw(everything, self.cameras, values=values, around=around, colours=colours)
+        seen_in = projection.around(member) if self.masks is None else projection
+        together = draw_projected(everything, seen_in, values=member[:, None].astype(np.float32), colours=colours)
         shares = [share for (share,) in together.values]
         if self.masks is None:
             consistent = [s >= _TRUSTED_SHARE * alpha for s, alpha in zip(shares, alone.alpha, strict=True)]
@@ -78,8 +100,8 @@ class OutlineViews:
         unknown = []
         for camera, depth, nearest, seen in zip(self.cameras, alone.depth, together.depth, consistent, strict=True):
             hidden = clearly_nearer(nearest, depth, self.radius) & ~seen
-            unknown.append(hidden if self.ground is None else hidden & ~self.ground.pixels_below(camera, depth))
-        return ObjectRenders(alone, together, shares, self.masks, consistent, unknown)
+            unknown.append(hidden if self.ground is None else hidden & (self.ground.pixel_heights(camera, depth) >= 0))
+        return ObjectRenders(member, alone, together, shares, self.masks, consistent, unknown)
 
 
 def coverage_targets(renders: ObjectRenders) -> list[Target]:

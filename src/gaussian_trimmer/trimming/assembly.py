@@ -81,8 +81,13 @@ def assemble_object(setup: Setup, owner: LabelArray, decision: Decision, number:
     rough, crop, not_fitted = decision.rough, decision.crop, None
     pieces, cut_off = _split(decision, setup.scene, decision.owned(owner, number))
     if decision.outline is not None and setup.config.refine == "fit":
-        around = concatenate([crop.local.select(owner[crop.rows] != number), cut_off.gaussians])
-        pieces, not_fitted = refine(pieces, around, decision.outline, setup.config.refinement)
+        own = owner[crop.rows] == number
+        if decision.cut is None:
+            renders = decision.outline.render_part(crop.local, own, colours=True)
+        else:
+            around = concatenate([crop.local.select(~own), cut_off.gaussians])
+            renders = decision.outline.render(pieces.gaussians, around, colours=True)
+        pieces, not_fitted = refine(pieces, renders, setup.config.refinement)
     for cut in rough.cuts:
         from gaussian_trimmer.trimming.straddlers import cut_at_stroke  # late, since hardly anybody draws a stroke
 

@@ -19,7 +19,7 @@ from gaussian_trimmer.gaussians import (
     mask_of_rows,
 )
 from gaussian_trimmer.geometry.bounds import Bounds, touching
-from gaussian_trimmer.rendering.tile_renderer import Drawing, draw
+from gaussian_trimmer.rendering.tile_renderer import Drawing, draw, draw_projected
 from gaussian_trimmer.trimming.arguments import Setup, same_cameras
 from gaussian_trimmer.trimming.config import CONTEXT_RADIUS
 from gaussian_trimmer.views.by_sight import ChosenViews, place_cameras
@@ -111,10 +111,12 @@ def crop_scene(
     )
 
 
-def draw_whole(gaussians: Gaussians, cameras: Sequence[Camera], *, colours: bool) -> Drawing:
-    """Draw Gaussians for some cameras, with blend weights, (V, N, 1)."""
-    whole = [np.ones((1, camera.height, camera.width), np.float32) for camera in cameras]
-    return draw(gaussians, cameras, images=whole, colours=colours)
+def draw_views(crop: SceneCrop) -> tuple[Drawing, Drawing]:
+    """Return what the cameras of a crop see, and the selected object alone without colours, with blend weights."""
+    whole = [np.ones((1, camera.height, camera.width), np.float32) for camera in crop.cameras]
+    pictures = draw(crop.shown, crop.cameras, images=whole)
+    alone = pictures.projection.of(np.append(crop.selected, np.zeros(len(crop.occluders), np.bool_)))
+    return pictures, draw_projected(crop.shown, alone, images=whole, colours=False)
 
 
 def complete_views(crop: SceneCrop, pictures: Drawing, objects: Drawing, probability: FloatArray) -> list[View]:
@@ -128,8 +130,8 @@ def complete_views(crop: SceneCrop, pictures: Drawing, objects: Drawing, probabi
     """
     shares = np.zeros((len(crop.shown), 2), np.float32)
     shares[: len(probability)] = np.stack([crop.selected, probability], axis=1)
-    views = []
-    shown = zip(crop.cameras, pictures.renderings(), objects.alpha, objects.depth, pictures.blend(shares), strict=True)
+    views, pixels = [], pictures.blend(shares, np.max(shares, axis=1) > HALF)
+    shown = zip(crop.cameras, pictures.renderings(), objects.alpha, objects.depth, pixels, strict=True)
     for camera, picture, alpha, depth, (visible, expected) in shown:
         whole = alpha > HALF
         hidden = whole & (visible <= HALF) & clearly_nearer(picture.depth, depth, crop.bounds.radius)

@@ -22,7 +22,7 @@ from gaussian_trimmer.trimming.acceptance import check_masks, excessive_loss, re
 from gaussian_trimmer.trimming.alpha_targets import OutlineViews, resized_mask
 from gaussian_trimmer.trimming.arguments import RoughObject, Setup
 from gaussian_trimmer.trimming.clock import Clock
-from gaussian_trimmer.trimming.crop import SceneCrop, complete_views, crop_scene, draw_whole
+from gaussian_trimmer.trimming.crop import SceneCrop, complete_views, crop_scene, draw_views
 from gaussian_trimmer.trimming.diagnosis import find_wrong_input, selection_warning, up_warning
 from gaussian_trimmer.trimming.evidence import prune
 from gaussian_trimmer.trimming.label_crf import correct_labels
@@ -82,7 +82,8 @@ class Decision:
 
     def without_pictures(self) -> Decision:
         """Return the same in little memory: neither Gaussians nor pixels are kept."""
-        return replace(self, crop=self.crop.without_copies(), views=tuple(map(without_pictures, self.views)))
+        outline, views = self.outline and replace(self.outline, projected={}), tuple(map(without_pictures, self.views))
+        return replace(self, crop=self.crop.without_copies(), outline=outline, views=views)
 
 
 def decide_all(setup: Setup, rough: Sequence[RoughObject], clock: Clock) -> list[Decision]:
@@ -156,10 +157,11 @@ def _look(setup: Setup, crop: SceneCrop, clock: Clock) -> tuple[list[View], Floa
     these are alone, (S,), in pixels of five views of 512 x 512.
     """
     with clock("render"):
-        pictures = draw_whole(crop.shown, crop.cameras, colours=True)
-        objects = draw_whole(crop.local.select(crop.selected), crop.cameras, colours=False)
-        visible, alone = (visible_weight(drawn.weights[..., 0], crop.cameras) for drawn in (pictures, objects))
-        visible = visible[: len(crop.rows)]
+        pictures, objects = draw_views(crop)
+        visible, alone = (
+            visible_weight(drawn.weights[:, : len(crop.rows), 0], crop.cameras) for drawn in (pictures, objects)
+        )
+        alone = alone[crop.selected]
     with clock("correct"):
         probability = correct_labels(crop.local, crop.selected, visible, crop.bounds, setup.config.label_crf)
         probability[crop.excluded] = 0

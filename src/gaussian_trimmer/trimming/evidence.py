@@ -62,34 +62,36 @@ def prune(
     """
     split = np.zeros(0, np.int64) if cut is None else cut.rows
     whole = np.flatnonzero(members & ~mask_of_rows(split, len(members)))
-    inside = concatenate([gaussians.select(whole), *([cut.inner] if cut else [])])
-    outside = [gaussians.select(~members), *([cut.outer] if cut and cut.outer else [])]
-    renders = views.render(inside, concatenate(outside), colours=False)
+    if cut is None:
+        renders = views.render_part(gaussians, members, colours=False)
+    else:
+        inside = concatenate([gaussians.select(whole), cut.inner])
+        outside = [gaussians.select(~members), *([cut.outer] if cut.outer else [])]
+        renders = views.render(inside, concatenate(outside), colours=False)
     consistent, seen, shown = np.sum(_weights(renders), axis=0).T
     rows = np.concatenate([whole, split])
     gone = (consistent < min_share * shown) | (~selection[rows] & (seen < HALF * shown))
     joining = np.flatnonzero(~selection[rows] & ~gone)
     if len(joining):
-        gone[joining] = _behind(inside, selection[rows], joining, views.radius, renders)
+        gone[joining] = _behind(renders, selection[rows], joining, views.radius)
     return mask_of_rows(rows[~gone], len(members))
 
 
-def _behind(inner: Gaussians, chosen: BoolArray, joining: IntArray, radius: float, renders: ObjectRenders) -> BoolArray:
+def _behind(renders: ObjectRenders, chosen: BoolArray, joining: IntArray, radius: float) -> BoolArray:
     """Return which Gaussians the rest of the object hides even in the view that shows most of them, (J,).
 
     They shine through it, as the wall does behind a cupboard. What lies in its surface beside others is not hidden.
 
     Args:
-        inner: the object with what joins it, M Gaussians.
+        renders: views of the object with what joins it, M Gaussians.
         chosen: which of them are selected, (M,).
         joining: rows of those that join, (J,).
         radius: the object's radius in scene units.
-        renders: views of it.
     """
+    inner = renders.scene.gaussians.select(renders.member)
     some, rest = inner.select(joining), inner.select(chosen)
-
     ones = [np.ones((1, *unknown.shape), np.float32) for unknown in renders.unknown]
-    shown = renders.scene.weigh(ones)[:, joining, 0]  # (views, J)
+    shown = renders.scene.weigh(ones)[:, renders.member][:, joining, 0]  # (views, J)
     best, of_best = np.unique(shown.argmax(axis=0), return_inverse=True)
     cameras = [renders.alone.cameras[view] for view in best]
     bare, before = (draw(part, cameras, colours=False) for part in (some, rest))
@@ -108,7 +110,7 @@ def _weights(renders: ObjectRenders) -> FloatArray:
     """
     known = renders.shares if renders.masks is None else renders.masks
     counts = [~unknown for unknown in renders.unknown]
-    return renders.alone.weigh(
+    return renders.weigh_alone(
         [
             np.stack([same & tells, (share > HALF) & tells, tells]).astype(np.float32)
             for same, share, tells in zip(renders.consistent, known, counts, strict=True)

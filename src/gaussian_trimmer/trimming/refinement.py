@@ -17,9 +17,8 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, rotation_matrices
 from gaussian_trimmer.geometry.split import split_plane
-from gaussian_trimmer.rendering.tile_renderer import Drawing
 from gaussian_trimmer.settings import Range, Share
-from gaussian_trimmer.trimming.alpha_targets import OutlineViews, coverage_targets, thin_share
+from gaussian_trimmer.trimming.alpha_targets import ObjectRenders, coverage_targets, thin_share
 from gaussian_trimmer.trimming.fitting import Target, fit
 
 _MAX_CUTS = 5
@@ -86,15 +85,12 @@ class Pieces:
         )
 
 
-def refine(
-    whole: Pieces, background: Gaussians, views: OutlineViews, config: RefineConfig
-) -> tuple[Pieces, str | None]:
+def refine(whole: Pieces, renders: ObjectRenders, config: RefineConfig) -> tuple[Pieces, str | None]:
     """Fit the boundary of an object to its coverage in some views.
 
     Args:
         whole: the object's Gaussians.
-        background: those around it.
-        views: views to fit in.
+        renders: views of it alone and among those around it, in colour, to fit in.
         config: settings.
 
     Returns:
@@ -102,13 +98,12 @@ def refine(
         was.
     """
     inner = whole.gaussians
-    renders = views.render(inner, background, colours=True)
-    thin = thin_share(renders.alone.alpha) if views.masks is None else 0.0
+    thin = thin_share(renders.alone.alpha) if renders.masks is None else 0.0
     if thin > config.max_thin:
         limit = f"the limit is {100 * config.max_thin:g} %"
         return whole, f"{100 * thin:.1f} % of the object is thinner than three pixels; {limit}"
     targets = coverage_targets(renders)
-    wrong = np.sum(_wrong_weight(renders.alone, targets), axis=0)
+    wrong = np.sum(_wrong_weight(renders, targets), axis=0)
     is_boundary = np.asarray(wrong[:, 0] > config.wrong_share * wrong[:, 1])
     pieces, parent = inner, np.arange(len(inner))
     each = np.where(is_boundary, wrong[:, 0], 0) / len(targets)
@@ -125,11 +120,11 @@ def refine(
     return Pieces(pieces.select(order), source[order], part[order], (moving | cut)[order]), None
 
 
-def _wrong_weight(alone: Drawing, targets: Sequence[Target]) -> FloatArray:
-    """Return blend weight at wrong pixels and in all, in pixels of views of 256 x 256, (V, N, 2)."""
-    wrong = [np.abs(alpha - t.picture[3]) * t.weight[3] for alpha, t in zip(alone.alpha, targets, strict=True)]
-    scales = [_REFERENCE_PIXELS / (camera.width * camera.height) for camera in alone.cameras]
-    weights = alone.weigh([np.stack([image, np.ones_like(image)]) for image in wrong])
+def _wrong_weight(renders: ObjectRenders, targets: Sequence[Target]) -> FloatArray:
+    """Return blend weight at wrong pixels and in all, in pixels of views of 256 x 256, (V, M, 2)."""
+    wrong = [np.abs(alpha - t.picture[3]) * t.weight[3] for alpha, t in zip(renders.alone.alpha, targets, strict=True)]
+    scales = [_REFERENCE_PIXELS / (camera.width * camera.height) for camera in renders.alone.cameras]
+    weights = renders.weigh_alone([np.stack([image, np.ones_like(image)]) for image in wrong])
     return weights * np.array(scales, np.float32)[:, None, None]
 
 

@@ -151,9 +151,8 @@ def _directions() -> tuple[Float64Array, Float64Array]:
 
 def _weights(gaussians: Gaussians, cameras: Sequence[Camera]) -> FloatArray:
     """Return how much each camera sees of each Gaussian, (V, N)."""
-    colourless = gaussians.replace(sh_rest=gaussians.sh_rest[..., :0])  # which saves a third of the time
     whole = np.zeros((_TRIAL_PIXELS, _TRIAL_PIXELS), np.uint8)
-    return np.stack(list(label_weights(colourless, cameras, [whole] * len(cameras), 1)))[..., 0]
+    return np.stack(list(label_weights(gaussians, cameras, [whole] * len(cameras), 1)))[..., 0]
 
 
 def _free(shown: FloatArray, target: Gaussians, cameras: Sequence[Camera]) -> BoolArray:
