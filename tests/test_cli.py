@@ -64,6 +64,18 @@ def test_trim_writes_and_says_everything(ball, tmp_path, capsys):
     assert "-0.000" not in (output / "report.html").read_text().split("Up: ")[1][:100]
 
 
+def test_a_scene_without_the_object_that_is_not_written_is_not_made(ball, tmp_path, monkeypatch):
+    folder, *_ = ball
+    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--up", "z", *SMALL, "--background", "filled"]
+    assert run(*command, "--output", tmp_path / "with") == 0
+    monkeypatch.setattr("gaussian_trimmer.trimming.trim.remove", lambda *_, **__: pytest.fail("It was made."))
+    assert run(*command, "--output", tmp_path / "without", "--no-write-background") == 0
+    assert not (tmp_path / "without" / "background.ply").exists()
+    assert report_of(tmp_path / "without")["configuration"]["background"] == "exact"
+    ours, theirs = ((tmp_path / name / "object.ply").read_bytes() for name in ("without", "with"))
+    assert ours == theirs
+
+
 def test_json_is_all_that_services_see(ball, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(LOG, "handlers", [])  # what the command sets ends with the test
     monkeypatch.setattr(LOG, "level", LOG.level)

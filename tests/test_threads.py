@@ -18,6 +18,8 @@ from gaussian_trimmer.cameras import Viewpoint
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.geometry.graphs import nearest
 from gaussian_trimmer.rendering import blend_values, blend_weights, render, top_contributors
+from gaussian_trimmer.rendering.gradients import gradients
+from gaussian_trimmer.rendering.tile_renderer import draw, draw_projected
 from gaussian_trimmer.selecting.marks import Click
 from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.trimming.config import SplitConfig
@@ -53,6 +55,19 @@ def rendered():
         shown.rgb, shown.alpha, shown.depth, blend_values(scene, camera, truth[:, None].astype(np.float32)),
         blend_weights(scene, camera, labels, 2), *top_contributors(scene, camera, pixels, 5),
     ])  # fmt: skip
+
+
+def views_at_once():
+    """What the kernels make of several views of it at once, of different sizes, and derivatives by half of it."""
+    scene, truth, _ = ball_and_view()
+    cameras, _ = plan_cameras(scene.select(truth), np.array([0.0, 0.0, 1.0]), PlanConfig(size=100))
+    cameras = [camera.resized(1 - 0.1 * i) for i, camera in enumerate(cameras)]
+    masks = [np.indices((camera.height, camera.width)).sum(axis=0, keepdims=True) % 3.0 for camera in cameras]
+    drawing = draw(scene, cameras, values=scene.means, images=[mask.astype(np.float32) for mask in masks])
+    part = draw_projected(scene, drawing.projection.of(truth).around(np.arange(len(scene)) % 5 == 0))
+    slopes = np.cos(np.arange(4 * drawing.tiled[0].size, dtype=np.float32)).reshape(4, *drawing.tiled[0].shape)
+    found = gradients(drawing, slopes, np.arange(len(scene)) % 2 == 0)
+    return digest([drawing.tiled, drawing.weights, part.tiled, found])
 
 
 def neighbours():
@@ -129,7 +144,7 @@ def threads():
     numba.set_num_threads(before)
 
 
-@pytest.mark.parametrize("work", [rendered, neighbours, trimmed, together, found])
+@pytest.mark.parametrize("work", [rendered, views_at_once, neighbours, trimmed, together, found])
 def test_one_and_two_threads_agree(work, threads):
     if numba.config.NUMBA_NUM_THREADS < 2:
         pytest.skip("Numba was started with one thread.")

@@ -11,7 +11,14 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering import blend_values, blend_weights, projection, render, tile_renderer, top_contributors
 from gaussian_trimmer.rendering.projection import project_views
-from gaussian_trimmer.rendering.tile_renderer import ProjectionCache, draw, label_weights, portions, render_views
+from gaussian_trimmer.rendering.tile_renderer import (
+    ProjectionCache,
+    draw,
+    draw_projected,
+    label_weights,
+    portions,
+    render_views,
+)
 
 SCENE, CAMERA = random_scene(0), front_camera()
 LABELS = np.random.default_rng(0).integers(0, 4, (CAMERA.height, CAMERA.width)).astype(np.uint8)
@@ -99,6 +106,26 @@ def test_only_tiles_around_some_gaussians_are_drawn():
     reached = np.diff(project_views(SCENE.select(around), VIEWS).tile_starts) > 0
     assert 0 < reached.sum() < len(reached)
     np.testing.assert_array_equal(partly.tiled, whole.tiled * reached[None, :, None])
+
+
+@pytest.mark.parametrize("memory", [1000, 1 << 29])
+def test_a_part_of_what_was_projected_is_drawn_as_if_it_were_projected_alone(memory, monkeypatch):
+    monkeypatch.setattr(projection, "_LISTED_BYTES", memory)
+    part = np.arange(len(SCENE)) % 3 == 0
+    whole, alone = project_views(SCENE, VIEWS), draw(SCENE.select(part), VIEWS)
+    found = draw_projected(SCENE, whole.of(part))
+    np.testing.assert_array_equal(found.tiled, alone.tiled)
+    images = [np.ones((1, camera.height, camera.width), np.float32) for camera in VIEWS]
+    np.testing.assert_array_equal(found.weigh(images)[:, part], alone.weigh(images))
+    assert not found.weigh(images)[:, ~part].any()
+    few = np.arange(len(SCENE)) < 3
+    around = draw_projected(SCENE, whole.around(few))
+    np.testing.assert_array_equal(around.tiled, draw(SCENE, VIEWS, around=few).tiled)
+
+
+def test_no_view_shows_nothing():
+    drawing = draw_projected(SCENE, project_views(SCENE, ()).of(np.arange(len(SCENE)) < 3), images=[])
+    assert drawing.renderings() == [] and drawing.weights.shape == (0, len(SCENE), 0)
 
 
 def test_views_are_drawn_in_portions_of_bounded_memory(monkeypatch):

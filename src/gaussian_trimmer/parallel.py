@@ -1,4 +1,4 @@
-"""Kernels and threads: shares of one loop, and whole pieces of work such as views.
+"""Kernels and threads: shares of one loop, and whole pieces of work such as objects.
 
 Kernels are plain loops over a share of the work, called from Python threads; they release the interpreter's lock. Loops
 that Numba makes parallel take three times as long to compile, and may abort where two threads enter them at once. What
@@ -20,8 +20,6 @@ from typing import Any, TypeVar
 Made = TypeVar("Made")
 WORTH_A_THREAD = 8192
 """Number of Gaussians from which another thread saves more time than waking it takes, where each is little work."""
-_MOST_AT_ONCE = 4
-"""Pieces of work that `parallel_map` does at once, since each takes the memory of a view."""
 
 
 def parallel_for(work: Callable[[int, int], Any], n: int, at_most: int | None = None, at_least: int = 1) -> None:
@@ -33,10 +31,12 @@ def parallel_for(work: Callable[[int, int], Any], n: int, at_most: int | None = 
         at_most: size of the largest share; None: there is one share a thread.
         at_least: size of the smallest share that is worth a thread.
     """
-    threads = 1 if getattr(_here, "in_share", False) else _numba().get_num_threads()
-    size = max(-(-n // threads), at_least)
-    if at_most is not None:
-        size = min(size, at_most)
+    largest = at_most or max(n, 1)
+    if n <= min(at_least, largest) or getattr(_here, "in_share", False):
+        threads = 1  # Asking for their number takes as long as a little work.
+    else:
+        threads = _numba().get_num_threads()
+    size = min(max(-(-n // threads), at_least), largest)
     shares = [(first, min(first + size, n)) for first in range(0, n, size)]
     if threads == 1 or len(shares) <= 1:
         for share in shares:
@@ -50,7 +50,7 @@ def parallel_for(work: Callable[[int, int], Any], n: int, at_most: int | None = 
         finally:
             _here.in_share = False
 
-    others = [_loop_threads(threads).submit(alone, *share) for share in shares[1:]]
+    others = [_loop_threads().submit(alone, *share) for share in shares[1:]]
     alone(*shares[0])
     for other in others:
         other.result()
@@ -69,29 +69,29 @@ def for_each(work: Callable[[Any], Made], items: Sequence[Any]) -> list[Made]:
 
 
 def parallel_map(work: Callable[..., Made], *items: Iterable[Any]) -> Iterator[Made]:
-    """Like `map`, but computed ahead on a few threads, among which those of `parallel_for` are shared.
+    """Like `map`, but computed ahead on as many threads as Numba is given; those left over are for loops within.
 
-    A whole view on each thread keeps two cores twice as busy as halves of one view do: less of the work is Python's.
+    It is for pieces whose work is mostly Python's, such as objects and parts of a scene; views are drawn together.
 
     Args:
         work: called with one element of each of the items.
-        items: views, objects or whatever else the work is done for, as many of each.
+        items: what the work is done for, as many of each.
     """
     threads = _numba().get_num_threads()
     if threads == 1 or getattr(_here, "in_worker_thread", False):
         yield from map(work, *items)
         return
     pieces = zip(*items, strict=True)
-    ahead = list(islice(pieces, 2))
+    ahead = list(islice(pieces, threads))
     if len(ahead) < 2:  # a single piece shares its own work among the threads
         for arguments in ahead:
             yield work(*arguments)
         return
-    pool, found = _worker_threads(threads), deque[Future[Made]]()
+    pool, found = _worker_threads(threads, len(ahead)), deque[Future[Made]]()
     try:
         for arguments in chain(ahead, pieces):
             found.append(pool.submit(work, *arguments))
-            if len(found) > _MOST_AT_ONCE:
+            if len(found) > len(ahead):
                 yield found.popleft().result()
         while found:
             yield found.popleft().result()
@@ -141,21 +141,20 @@ def _numba() -> Any:
 
 
 @cache
-def _loop_threads(threads: int) -> ThreadPoolExecutor:
-    """Threads beside the calling one."""
-    return ThreadPoolExecutor(threads - 1, "gaussian-trimmer")
+def _loop_threads() -> ThreadPoolExecutor:
+    """Threads for shares of loops, beside those that begin these loops."""
+    return ThreadPoolExecutor(max(1, _numba().config.NUMBA_NUM_THREADS - 1), "gaussian-trimmer")
 
 
 @cache
-def _worker_threads(threads: int) -> ThreadPoolExecutor:
+def _worker_threads(threads: int, at_once: int) -> ThreadPoolExecutor:
     """Threads that do whole pieces of work each. They are not those of `parallel_for`, for which they may wait."""
-    at_once = min(threads, _MOST_AT_ONCE)
 
     def prepare() -> None:
         _here.in_worker_thread = True
         _numba().set_num_threads(max(1, threads // at_once))  # of this thread alone
 
-    return ThreadPoolExecutor(at_once, "gaussian-trimmer-views", prepare)
+    return ThreadPoolExecutor(at_once, "gaussian-trimmer-pieces", prepare)
 
 
 _here = threading.local()

@@ -90,7 +90,7 @@ def add_trimming(parser: Parser, *, rare: bool = False) -> None:
     group.add_argument("--format", metavar="ENDING", help=ending, rare=rare)
     programs = "Also files for this program: upright, the foot at the origin, in a format that it reads"
     add_placing(group, f"{programs}; a mask for gsplat; instances: all objects in one PLY with their ids", rare)
-    background = "Write the scene without the objects, which is nearly as large as the scene"
+    background = "Make and write the scene without the objects, which is nearly as large as the scene"
     group.add_argument("--write-background", kind=bool, default=True, help=background, rare=True)
     page = "Also report.html, a page with views before and after and all numbers"
     group.add_argument("--html", kind=bool, help=page, rare=rare)
@@ -113,6 +113,8 @@ def config_of(arguments: Namespace) -> TrimConfig:
     if arguments.views is not None:
         config = replace(config, plan=replace(config.plan, views=arguments.views))
     flags = {name: getattr(arguments, name, None) for name in ("up", "refine", "background", "with_what_stands_on_it")}
+    if not getattr(arguments, "write_background", True):
+        flags["background"] = "exact"  # What is not written is not made.
     return replace(config, **{name: value for name, value in flags.items() if value})
 
 

@@ -96,15 +96,19 @@ def _where_it_is(picture: SurfacePicture, hole: BoolArray) -> BoolArray:
 
 def _new_gaussians(picture: SurfacePicture, hole: BoolArray, rgb: FloatArray, sink: float, rest: int) -> Gaussians:
     """Return flat Gaussians below the surface, one for each square of the hole that has about one colour."""
-    left, surface = hole.copy(), picture.surface
+    left, surface, everywhere = hole.copy(), picture.surface, picture.coordinates
     parts: list[tuple[Float64Array, FloatArray, Float64Array]] = []
     for width in _SQUARES:
         size = len(hole) // width
-        colours = rgb.reshape(size, width, size, width, 3).swapaxes(1, 2).reshape(size, size, -1, 3)
-        whole = left.reshape(size, width, size, width).all(axis=(1, 3))
-        whole &= np.ptp(colours, axis=2).max(axis=2) <= (_ALIKE if width > 1 else 1)
-        places = picture.coordinates.reshape(size, width, size, width, 3).mean(axis=(1, 3))[whole]
-        parts.append((places, colours[whole].mean(axis=1), np.full(len(places), width / PIXELS_A_RADIUS)))
+        whole = np.array(left.reshape(size, width, size, width).all(axis=(1, 3)))
+        colours, places = (
+            image.reshape(size, width, size, width, 3).swapaxes(1, 2)[whole].reshape(-1, width * width, 3)
+            for image in (rgb, everywhere)
+        )
+        alike = np.ptp(colours, axis=1).max(axis=1) <= (_ALIKE if width > 1 else 1)
+        whole[whole] = alike
+        widths = np.full(np.count_nonzero(alike), width / PIXELS_A_RADIUS)
+        parts.append((places[alike].mean(axis=1), colours[alike].mean(axis=1), widths))
         left &= ~np.repeat(np.repeat(whole, width, axis=0), width, axis=1)
     coordinates, colour, widths = (np.concatenate(column) for column in zip(*parts, strict=True))
     widths = widths[:, None] * surface.unit * np.array([1, 1, _FLATNESS])

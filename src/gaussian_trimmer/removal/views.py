@@ -172,6 +172,7 @@ class RemovalViews:
 
 def views_around(
     scene: Gaussians,
+    gaussians: Gaussians,
     rows: IntArray,
     owner: LabelArray,
     number: int,
@@ -183,14 +184,15 @@ def views_around(
 
     Args:
         scene: all Gaussians.
-        rows: those of the object and around it, ascending, (N,).
+        gaussians: the object and those around it, N of them.
+        rows: their rows in the scene, ascending, (N,).
         owner: number of the object that has each Gaussian of the scene, 0 for none.
         number: the object's.
         up: the up vector, (3,).
         cameras: views from where the object was seen.
         size: width and height of the views in pixels.
     """
-    gaussians, of_object = scene.select(rows), owner[rows] == number
+    of_object = owner[rows] == number
     target = gaussians.select(of_object)
     bounds = robust_bounds(target, own_frame(target, up))
     around, above = (views_of_place(bounds, size, steep) for steep in (False, True))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -70,7 +70,8 @@ class Projection:
     @cached_property
     def places(self) -> IntArray:
         """Left and top of each tile in its picture, and that picture's width and height, (T, 4)."""
-        return np.concatenate([_places(camera) for camera in self.cameras])
+        of_views = [_places(camera.width, camera.height) for camera in self.cameras]
+        return np.concatenate([np.zeros((0, 4), np.int64), *of_views])
 
     def drawn(self, view: int) -> slice:
         """Return the Gaussians of a view, among the M."""
@@ -272,11 +273,11 @@ def tiles_of(camera: Camera) -> tuple[int, int]:
     return -(-camera.width // TILE), -(-camera.height // TILE)
 
 
-def _places(camera: Camera) -> IntArray:
+@lru_cache(maxsize=16)
+def _places(width: int, height: int) -> IntArray:
     """Return left and top of each tile of a picture, and its width and height, (T, 4)."""
-    across, down = tiles_of(camera)
-    top, left = (TILE * place.ravel() for place in np.indices((down, across)))
-    return np.column_stack([left, top, np.full(len(left), camera.width), np.full(len(left), camera.height)])
+    top, left = (TILE * place.ravel() for place in np.indices((-(-height // TILE), -(-width // TILE))))
+    return np.column_stack([left, top, np.full(len(left), width), np.full(len(left), height)])
 
 
 def _owned(values: FloatArray) -> FloatArray:

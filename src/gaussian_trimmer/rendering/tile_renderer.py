@@ -15,6 +15,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from weakref import ref
 
 import cv2
@@ -56,22 +57,22 @@ class Drawing:
         """The views' cameras."""
         return self.projection.cameras
 
-    @property
+    @cached_property
     def images(self) -> list[FloatArray]:
         """Colour and alpha, (4, H, W) each."""
         return self.projection.images(self.tiled[[0, 1, 2, -1]])
 
-    @property
+    @cached_property
     def rgb(self) -> list[FloatArray]:
         """Colours, (3, H, W) each."""
         return self.projection.images(self.tiled[:3])
 
-    @property
+    @cached_property
     def alpha(self) -> list[FloatArray]:
         """Accumulated opacity, (H, W) each."""
         return [image[0] for image in self.projection.images(self.tiled[-1:])]
 
-    @property
+    @cached_property
     def depth(self) -> list[FloatArray]:
         """Depth as in `Rendering`, (H, W) each."""
         first = 3 * self.coloured
@@ -79,7 +80,7 @@ class Drawing:
         depth = np.divide(depth, alpha, out=np.zeros_like(depth), where=alpha > 0)
         return [image[0] for image in self.projection.images(depth)]
 
-    @property
+    @cached_property
     def values(self) -> list[FloatArray]:
         """Blended values, (C, H, W) each."""
         return self.projection.images(self.tiled[3 * self.coloured + 1 : -1])

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -74,13 +75,18 @@ def fit(
     change = np.zeros((len(rows), N_PARAMETERS), np.float32)
     mean, square = np.zeros_like(change), np.zeros_like(change)
     order = golden_ratio_order(len(targets))
-    pictures, weights = [as_tiles(t.picture) for t in targets], [as_tiles(t.weight) for t in targets]
     current = gaussians
+
+    @cache
+    def wanted(*seen: int) -> tuple[FloatArray, FloatArray]:
+        """Return pictures of some views, and how much each of their values counts, (4, T, A) each."""
+        pictures, weights = [as_tiles(targets[v].picture) for v in seen], [as_tiles(targets[v].weight) for v in seen]
+        return np.concatenate(pictures, axis=1), np.concatenate(weights, axis=1)
+
     for step in range(steps):
         seen = [order[(_VIEWS_PER_STEP * step + k) % len(order)] for k in range(_VIEWS_PER_STEP)]
         drawing = draw(current, [targets[view].camera for view in seen], around=moving)
-        wanted, counts = (np.concatenate([tiled[view] for view in seen], axis=1) for tiled in (pictures, weights))
-        slopes = loss_gradient(drawing, wanted, counts, _HUBER_DELTA)
+        slopes = loss_gradient(drawing, *wanted(*seen), _HUBER_DELTA)
         gradient = gradients(drawing, slopes, moving).sum(axis=0) / _VIEWS_PER_STEP
         gradient[:, :3] = np.einsum("nij,ni->nj", axes, gradient[:, :3])
         gradient = np.nan_to_num(gradient, nan=0.0).clip(-_MAX_GRADIENT, _MAX_GRADIENT)

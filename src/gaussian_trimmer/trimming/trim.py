@@ -155,5 +155,5 @@ def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) ->
     if decision.members is None or not (owner[crop.rows] == number).any():
         return None
     up, size = crop.bounds.axes[2], config.refinement.size
-    views = views_around(setup.scene, crop.rows, owner, number, up, crop.cameras, size)
+    views = views_around(setup.scene, crop.local, crop.rows, owner, number, up, crop.cameras, size)
     return remove(views, fill=config.background == "filled", with_standing=config.with_what_stands_on_it)
