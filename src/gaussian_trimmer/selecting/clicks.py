@@ -29,7 +29,14 @@ from gaussian_trimmer.selecting.graph_cuts import correct_at_click, fills, segme
 from gaussian_trimmer.selecting.segment_on_plane import REACH, pieces_on_plane, windows_around
 from gaussian_trimmer.selecting.selection import Seed
 from gaussian_trimmer.surface.regions import FILLED
-from gaussian_trimmer.surface.viewed_scene import Target, ViewedScene, check_pixel, look_at_pixel, shown_weights
+from gaussian_trimmer.surface.viewed_scene import (
+    Target,
+    ViewedScene,
+    check_pixel,
+    look_at_pixel,
+    look_at_pixels,
+    shown_weights,
+)
 from gaussian_trimmer.trimming.up_vector import up_from_ground_plane
 from gaussian_trimmer.views.camera_rings import ring_poses
 from gaussian_trimmer.views.view import HALF, Box, box_slices, visible_weight
@@ -38,7 +45,7 @@ _VISIBILITY_SCALE = 0.5
 _VIEWS_AROUND = 8
 """Places on a circle around a point from which it is seen what is visible; the clicked view takes the first."""
 _PITCH_DEGREES = (10.0, 60.0)
-_BOX_SEEDS = ((0.5, 0.5), (0.5, 0.3), (0.5, 0.7), (0.3, 0.5), (0.7, 0.5))
+_BOX_SEEDS = np.array([(0.5, 0.5), (0.5, 0.3), (0.5, 0.7), (0.3, 0.5), (0.7, 0.5)])
 """Pixels in a box at which objects are searched, relative to its sides."""
 _MAX_FOR_EXTENTS = 15_000
 """Gaussians around a point up to which objects are of so few that the extents of each count."""
@@ -69,7 +76,7 @@ def select_by_click(scene: ViewedScene, x: int, y: int) -> tuple[BoolArray, str]
     check_pixel(scene.camera, x, y)
     small = scene.small()
     target = look_at_pixel(small, *_rescaled((x, y), scene.camera, small.camera))
-    if pieces := _pieces_at(small, target, _visible_around(small, target)):
+    if pieces := pieces_at_click(small, target):
         return pieces[0], "piece"
     if (alone := seen_alone(small, target)) is not None:
         return alone, "alone"
@@ -172,23 +179,23 @@ def pieces_at_click(scene: ViewedScene, target: Target) -> list[BoolArray]:
 def _pieces_in_box(scene: ViewedScene, box: Box) -> Iterator[BoolArray]:
     """Yield the objects that stand at some pixels in the middle of a box."""
     x0, y0, x1, y1 = box
-    targets = []
-    for u, v in _BOX_SEEDS:
-        try:
-            targets.append(look_at_pixel(scene, int(x0 + u * (x1 - x0)), int(y0 + v * (y1 - y0))))
-        except InputError:
-            continue
+    pixels = np.array([x0, y0]) + _BOX_SEEDS * np.array([x1 - x0, y1 - y0])
+    targets = look_at_pixels(scene, pixels.astype(np.int64))
     if not targets:
         return
     middle = sorted(targets, key=lambda target: target.depth)[len(targets) // 2]
     visible = _visible_around(scene, middle)
     for target in targets:
-        yield from _pieces_at(scene, target, visible, extents=False)
+        widest = max(x1 - x0, y1 - y0) * target.depth / float(scene.camera.K[0, 0])
+        yield from _pieces_at(scene, target, visible, widest, extents=False)
 
 
-def _pieces_at(scene: ViewedScene, target: Target, visible: FloatArray, extents: bool = True) -> list[BoolArray]:
+def _pieces_at(
+    scene: ViewedScene, target: Target, visible: FloatArray, widest: float = np.inf, extents: bool = True
+) -> list[BoolArray]:
     """Return objects that stand at a point that a view shows, (N,) each, the likeliest first.
 
+    Windows that are wider than `widest`, in scene units, are left out: they look far beyond a box that was drawn.
     Where objects are of few Gaussians, these connect by their extents: each stands for points on its ellipsoid. Without
     `extents` only centres count, which finds fewer objects there, but does not take along what is under them.
     """
@@ -196,16 +203,19 @@ def _pieces_at(scene: ViewedScene, target: Target, visible: FloatArray, extents:
     positions = (gaussians.means - target.point) @ frame.T
     scale = target.depth * max(camera.width, camera.height) / (2 * camera.K[0, 0])
     windows = windows_around(scale, positions)
+    windows = windows[windows <= max(widest, windows.min())]
     near = np.flatnonzero(np.linalg.norm(positions, axis=1) < REACH * windows.max())
-    variances, upright = np.square(frame @ gaussians.select(near).factors()), np.zeros(len(positions), np.float32)
-    upright[near] = variances[:, 2].sum(axis=1) / variances.sum(axis=(1, 2))
-    if not extents or len(near) > _MAX_FOR_EXTENTS:
-        return pieces_on_plane(positions, target.seeds, visible, upright, scale, windows)
-    ellipsoids = ellipsoid_points(gaussians.select(near))
-    points, of = (ellipsoids.reshape(-1, 3) - target.point) @ frame.T, np.repeat(near, ellipsoids.shape[1])
-    pieces = pieces_on_plane(points, target.seeds[of], visible[of], upright[of], scale, windows)
-    each, n = np.bincount(of, minlength=len(positions)), len(positions)
-    return [2 * np.bincount(of, piece, n) > each for piece in pieces]  # those with more than half of their points
+    local, points, of = gaussians.select(near), positions[near], np.arange(len(near))
+    variances = np.square(frame @ local.factors())
+    upright = (variances[:, 2].sum(axis=1) / variances.sum(axis=(1, 2))).astype(np.float32)
+    if extents and len(near) <= _MAX_FOR_EXTENTS:
+        ellipsoids = ellipsoid_points(local)
+        points, of = (ellipsoids.reshape(-1, 3) - target.point) @ frame.T, np.repeat(of, ellipsoids.shape[1])
+    shown = target.seeds[near][of], visible[near][of]
+    pieces = pieces_on_plane(points, *shown, upright[of], scale, windows)
+    each, n = np.bincount(of), len(positions)
+    # A Gaussian is of a piece with more than half of its points.
+    return [mask_of_rows(near[2 * np.bincount(of, piece, len(near)) > each], n) for piece in pieces]
 
 
 def _visible_around(scene: ViewedScene, target: Target) -> FloatArray:

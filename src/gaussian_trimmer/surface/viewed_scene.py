@@ -88,16 +88,25 @@ def look_at_pixel(scene: ViewedScene, x: int, y: int) -> Target:
     Raises:
         InputError: the pixel is outside the view, or nothing is seen there.
     """
-    camera = scene.camera
-    check_pixel(camera, x, y)
-    rows, weights = top_contributors(scene.gaussians, camera, np.array([[x, y]]), CONTRIBUTORS)
-    depth = float(surface_depths(scene.gaussians, camera, rows, weights)[0])
-    if not np.isfinite(depth):
+    check_pixel(scene.camera, x, y)
+    targets = look_at_pixels(scene, np.array([[x, y]]))
+    if not targets:
         raise InputError(f"Nothing is seen at the pixel ({x}, {y}); choose another one, or another view.")
-    ray = camera.ray_directions(np.array([[x + 0.5, y + 0.5]]))[0]
-    seeds = np.zeros(len(scene.gaussians), np.float32)
-    seeds[rows[rows >= 0]] = weights[rows >= 0]
-    return Target(camera.centre + ray * depth / (ray @ camera.forward), depth, seeds)
+    return targets[0]
+
+
+def look_at_pixels(scene: ViewedScene, pixels: IntArray) -> list[Target]:
+    """Return the surface points at those pixels of the view (P, 2) that show something, as `look_at_pixel` does."""
+    camera, targets = scene.camera, list[Target]()
+    contributors = top_contributors(scene.gaussians, camera, pixels, CONTRIBUTORS)
+    depths = surface_depths(scene.gaussians, camera, *contributors)
+    rays = camera.ray_directions(np.asarray(pixels + 0.5, np.float64))
+    for rows, weights, depth, ray in zip(*contributors, depths.tolist(), rays, strict=True):
+        if np.isfinite(depth):
+            seeds = np.zeros(len(scene.gaussians), np.float32)
+            seeds[rows[rows >= 0]] = weights[rows >= 0]
+            targets.append(Target(camera.centre + ray * depth / (ray @ camera.forward), depth, seeds))
+    return targets
 
 
 def surface_points(gaussians: Gaussians, camera: Camera, pixels: IntArray) -> Float64Array:
