@@ -6,7 +6,7 @@ import json
 import threading
 import zipfile
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import made_room as room
@@ -21,6 +21,8 @@ from gaussian_trimmer.app import panels as controls
 from gaussian_trimmer.app.display import FILL, REPLACED, shown_rows
 from gaussian_trimmer.app.files import ALL_FILES, DOWNLOADS, OBJECT
 from gaussian_trimmer.app.page import Gesture
+from gaussian_trimmer.app.session import read_project, restore
+from gaussian_trimmer.app.snapshots import Similarity
 from gaussian_trimmer.app.viewpoints import Event, Showing, View, doubts
 from gaussian_trimmer.cameras import point_of
 from gaussian_trimmer.selecting.marks import Box3D, Sphere
@@ -290,7 +292,7 @@ def test_home_and_f_without_a_selection_look_as_at_first_and_what_is_cut_out_is_
     act(app.focus, view)
     act(app.cut_out, view)
     home, also, selected, cut_out = looked
-    assert home == also == app._start
+    assert home == also == app.jobs.view.start
     for whole, (eye, target) in ((BALL.radius, selected), (toy.RADIUS, cut_out)):
         lowered = toy.CENTRE - target  # What is looked at stands above the picture's middle: the tools are below.
         assert np.allclose(lowered[:2], 0, atol=0.1) and 0 < lowered[2] < 0.3
@@ -419,7 +421,7 @@ def test_marks_reach_nothing_that_is_not_shown(app):
     assert app.session.now is before and "changes nothing that is shown" in app.panels.status_text
     act(app.hide)
     assert not (shown_rows(app.session.now, Showing()) & before.object.selected.mask).any()
-    do(app, "Show all")
+    do(app, "Unhide all")
     assert shown_rows(app.session.now, Showing()).all()
     app.panels.showing = Showing()
     app.tools.change_selection("All", None)
@@ -508,6 +510,66 @@ def test_results_are_downloaded_and_saved(app, tmp_path):
     panels.folder.value = str(tmp_path / "all")
     act(app.save, together=True)
     assert (tmp_path / "all" / "object_my_ball.ply").is_file() and not panels.command.value
+
+
+def test_an_object_is_moved_turned_and_scaled_for_its_files_alone(app, tmp_path):
+    session, view, page = app.session, tab(app), app.jobs.page
+    mark(app, BALL)
+    act(app.cut_out)
+    frame, result = app.jobs.view.frame, session.now.object.fresh
+    half = Similarity(2.0, (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)), (1.0, 2.0, 3.0))
+    page.hear(json.dumps({"is": "move", "object": 1, "by": asdict(frame.moved(half))}), view)
+    finish(app)
+    expected = 2 * result.object.means[:, [1, 0, 2]] * (-1, 1, 1) + (1, 2, 3)
+    app.panels.folder.value = str(tmp_path / "moved")
+    act(app.save)
+    saved = {name: formats.read(tmp_path / "moved" / f"{name}.ply") for name in ("object", "object_placed")}
+    assert np.allclose(saved["object"].means, result.object.means)
+    assert np.allclose(saved["object_placed"].means, expected, atol=1e-4)
+    assert np.allclose(saved["object_placed"].scales, 2 * saved["object"].scales, rtol=1e-4)
+    act(app.download, OBJECT, view)
+    (tmp_path / "sent.ply").write_bytes(next(iter(view.sent.values())))
+    assert np.allclose(formats.read(tmp_path / "sent.ply").means, expected, atol=1e-4)
+    kept = read_project(app._files._autosave)
+    assert np.allclose(kept.moved["object 1"].to, half.to, atol=1e-4)
+    assert session.do(restore, kept) and np.allclose(session.now.object.moved.turn, half.turn)
+    do(app, "Undo")
+    do(app, "Undo")
+    assert session.now.object.moved is None and session.now.object.fresh is result
+    page.hear(json.dumps({"is": "move", "object": 1, "by": {"turn": [0, 0, 0, 0]}}), view)  # turns nothing
+    finish(app)
+    assert session.now.object.moved is None
+
+
+def test_a_second_scene_stands_beside_the_first_as_an_object(app, tmp_path):
+    session, before = app.session, app.session.now
+    mark(app, BALL)
+    marked, n = session.now.object.selected.mask, len(session.document.scene)
+    added = toy.ball_on_floor(floor_side=20)[0]
+    added = added.replace(sh_rest=np.zeros((len(added), 3, 3), np.float32))
+    formats.write(added, tmp_path / "lamp.ply")
+    act(app.receive, tmp_path / "lamp.ply", tab(app), beside=True)
+    ball, lamp = session.now.objects
+    assert lamp.name == "lamp" and np.array_equal(lamp.mask, np.arange(n + len(added)) >= n)
+    assert np.array_equal(ball.mask[:n], marked) and not ball.mask[n:].any()
+    scene, whole = session.document.scene, app.jobs.view.painter.scene
+    assert whole is scene and scene.sh_degree == 1 and np.allclose(scene.means[:n], before.document.scene.means)
+    assert scene.means[n:, 0].min() > scene.means[:n, 0].max() - 0.5 or not np.allclose(scene.means[n:], added.means)
+    assert app.panels.tool.value == controls.MOVE
+    assert formats.read(session.document.path).means.shape == scene.means.shape
+    do(app, "Undo")
+    assert session.document is before.document and app.jobs.view.painter.scene is before.document.scene
+
+
+def test_a_colour_is_picked(app, wall):
+    colours, _ = wall
+    gesture(app, controls.COLOUR, (0.5, 0.5))
+    mask = app.session.now.object.selected.mask
+    assert mask[np.isclose(colours[:, 1], toy.RED[1])].all() and not mask[colours[:, 1] > 0.5].any()
+    app.panels.tolerance.value = 100
+    app.tools.tolerate(tab(app))
+    finish(app)
+    assert app.session.now.object.selected.mask.all()
 
 
 def test_what_was_saved_together_is_what_is_seen(app, tmp_path):

@@ -192,6 +192,12 @@ def test_a_scene_is_packed_once_the_coarse_one_first_and_nothing_is_lost():
     assert same.min() > 0.99999
     largest = np.clip(coarse.sh_rest[:, :, :3].reshape(-1, 9), -packing.harmonics, packing.harmonics)
     assert np.allclose(harmonics, largest, atol=packing.harmonics / 100)
+    cover = scene.opacities * np.sort(scene.scales, axis=1)[:, 1:].prod(axis=1)
+    blocks = cover[packing.order][: len(scene) // 16 * 16].reshape(
+        -1, 16
+    )  # of each sixteen, what covers most comes first
+    assert (np.diff(np.minimum(blocks, np.quantile(cover, 0.99)), axis=1) <= 1e-6 * cover.max()).all()
+    assert packing.covered[0] > 1 / 16 and packing.covered[-1] == 1 and (np.diff(packing.covered) >= 0).all()
     spread = np.linalg.norm(np.diff(scene.means[packing.order], axis=0), axis=1)
     assert np.median(spread) < 0.2 * np.median(np.linalg.norm(np.diff(random.permutation(scene.means), axis=0), axis=1))
     assert packing.shown(len(scene) // 4) == pytest.approx(len(scene) / 4, rel=0.02)

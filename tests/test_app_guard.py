@@ -1,5 +1,6 @@
 """Tests of who may talk to the app, and who may read what it keeps."""
 
+import hmac
 import os
 import re
 import socket
@@ -59,6 +60,18 @@ def answer(address, path, *headers):
             while chunk := wire.recv(1 << 16):
                 data += chunk
     return int(data.split()[1]), data
+
+
+@pytest.mark.needs("starlette")
+def test_the_program_proves_that_it_has_the_key_before_a_tab_sends_it_again(tmp_path):
+    nonce = "0123456789abcdef" * 2
+    with serving(None, None, port=0, state=tmp_path / "state") as app:
+        key = urlsplit(app.address).path.strip("/")
+        status, said = answer(app.address, f"/proof/{nonce}")
+        assert status == 200 and said.endswith(hmac.digest(key.encode(), nonce.encode(), "sha256"))
+        assert key.encode() not in said
+        assert answer(app.address, f"/proof/{nonce[1:]}")[0] == 403
+        assert answer(app.address, f"/proof/{nonce}", "Origin: http://elsewhere.org")[0] == 403
 
 
 @pytest.mark.needs("starlette")

@@ -14,10 +14,10 @@ import numpy as np
 
 from gaussian_trimmer.app import edits, files, panels
 from gaussian_trimmer.app.jobs import STAGES_OF_A_TRIM, TAKE_OUT, Jobs
-from gaussian_trimmer.app.page import Action
+from gaussian_trimmer.app.page import Action, Move
 from gaussian_trimmer.app.tools import Tools
-from gaussian_trimmer.app.viewpoints import PARTS, Event, doubts, first_look, framed
-from gaussian_trimmer.cameras import Point, look_at
+from gaussian_trimmer.app.viewpoints import PARTS, Event, doubts, framed
+from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Float64Array
@@ -25,7 +25,7 @@ from gaussian_trimmer.trimming.result import TrimResult
 
 _STAGES_OF_FINDING = 19
 """About as many stages as finding objects has, for the progress bar."""
-_TOOL_KEYS = dict(zip(("Esc", "C", "R", "L", "P", "B", "Shift+B", "X"), panels.TOOLS, strict=True))
+_TOOL_KEYS = dict(zip(("Esc", "C", "O", "R", "L", "P", "B", "Shift+B", "X"), panels.TOOLS, strict=True))
 
 
 class Controller:
@@ -37,8 +37,7 @@ class Controller:
         self._files, self._view = jobs.files, jobs.view
         self.tools = Tools(jobs)
         jobs.page.drawn, jobs.page.changed_object = self.tools.heard, self.change_object
-        self._start: tuple[Point, Point] = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-        """From where the scene was looked at first, and at which point."""
+        jobs.page.moved = self.move
         self._doubted: TrimResult | None = None
         self._doubts: Iterator[tuple[str, Float64Array]] = iter(())
         self._connect()
@@ -118,6 +117,17 @@ class Controller:
 
         self.jobs.do("Changing", change, Event.STEPPED if edit else None)
 
+    def move(self, move: Move) -> None:
+        """Let an object lie where a tab has moved it."""
+        asked = self.session.glance()
+
+        def work() -> str | None:
+            if asked is None or asked.document.scene is not self.session.document.scene:
+                return None
+            return self.session.do(edits.move, move.object, self._view.frame.moved(move.by, to_scene=True))
+
+        self.jobs.do("Moving", work)
+
     def hide(self, client: Any = None) -> None:
         """Hide the active object, or show it again."""
         now = self.session.glance()
@@ -129,7 +139,7 @@ class Controller:
 
         def look() -> None:
             if whole or not self.session.now.object.n_selected:
-                self._view.look(client, *self._start)
+                self._view.look(client, *self._view.start)
             else:
                 self._look_at_object(client)
 
@@ -183,14 +193,19 @@ class Controller:
         ending, engine = self.panels.ending, self.panels.engine
         self.jobs.do("Saving", lambda: self._files.download(what, ending, client, engine))
 
-    def receive(self, path: Path, client: Any) -> None:
-        """Take a file that was dropped or chosen, for what it is; a part of the open scene is a selection of it."""
+    def receive(self, path: Path, client: Any, *, beside: bool = False) -> None:
+        """Take a file that was dropped or chosen, for what it is; a part of the open scene is a selection of it.
+
+        With `beside`, it is a scene that is put beside the open one, as an object.
+        """
         try:
             kind = identify(path).kind
         except InputError as error:
             self.panels.say(str(error), wrong=True)
             return
-        if path.name in files.CAMERA_NAMES:
+        if beside and kind == "splats" and self.session.glance() is not None:
+            self.jobs.do("Adding a scene", lambda: self._add(path))
+        elif path.name in files.CAMERA_NAMES:
             self.panels.camera_path.value = str(path)
             if self.session.glance() is not None:
                 self._use_cameras(client)
@@ -200,6 +215,13 @@ class Controller:
             self.jobs.do("Loading", lambda: self._load_or_open(path, client), Event.OPENED)
         else:
             self.load(str(path))
+
+    def _add(self, path: Path) -> str:
+        said = self._files.add(path, self.jobs.stages(3, ""))
+        self.panels.path.value = str(self.session.document.path)
+        self.panels.tool.value = panels.MOVE
+        self.tools.begin(None)
+        return said
 
     def _load_or_open(self, path: Path, client: Any) -> str | None:
         """Take splats as a selection where they are a part of the open scene, and open them otherwise."""
@@ -234,9 +256,7 @@ class Controller:
 
     def _look_from_start(self) -> None:
         """Let all tabs look from the first view of the scene, up being up."""
-        document, up = self.session.document, self.session.now.up.direction
-        self._start = first_look(document.scene, document.cameras, up)
-        self._view.open(document.scene, self._start, up)
+        self._view.open(self.session.now)
 
     def _connect(self) -> None:
         """Have the controls do what they say."""
@@ -270,10 +290,12 @@ class Controller:
             Action("Look at the object", self.focus, "F"),
             Action("Look at the next doubt", self.look_at_doubt, "J"),
             Action("First view", partial(self.focus, whole=True), "Home, Shift+F"),
-            *(Action(part, partial(self.show_part, part), key) for key, part in zip("123", PARTS, strict=True)),
+            *(Action(tool, partial(tools.choose, tool), key) for key, tool in zip("123", panels.PLACING, strict=True)),
+            self._step("Put it back", lambda: session.do(edits.move, session.now.object.id, None)),
+            *(Action(part, partial(self.show_part, part), key) for key, part in zip("456", PARTS, strict=True)),
             Action("Own colours, objects, changes", controls.colours.choose_next, "V"),
             Action("Hide the object", self.hide, "H"),
-            self._step("Show all", partial(session.do, edits.show_all), "U"),
+            self._step("Unhide all", partial(session.do, edits.show_all), "U"),
             self._step("New object", partial(session.do, edits.add_object)),
             Action("Find objects", self.find_objects),
             Action("Apply the box", tools.apply_box),

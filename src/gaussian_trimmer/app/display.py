@@ -1,7 +1,8 @@
 """What a browser draws: a scene packed once, and four bytes a Gaussian that say what of it is seen, in which tint.
 
 The browser has Gaussians in an order of its own, near ones beside each other, so that what changes together compresses
-well; and it gets every sixteenth of them first, so that it has a coarse scene at once. N Gaussians of the scene.
+well. Of sixteen neighbours it gets the one that covers most first, so that it has a coarse scene at once. N Gaussians
+of the scene.
 """
 
 from __future__ import annotations
@@ -28,11 +29,11 @@ _CHANGES = ADDED | REMOVED | CUT | MADE_UP
 PIECE, FILL = GONE, REPLACED
 """Bits of Gaussians of a trim: of the object, or of the scene without it; with neither they are not seen."""
 _PORTIONS = 16
-_FIRST = tuple(int(f"{portion:04b}"[::-1], 2) for portion in range(_PORTIONS))
 _LOG_SCALES = (-14.0, 6.0)
 _ROUGH_CELLS = 1024
 """Cells along an axis by which Gaussians are ordered."""
 _STRAYS = 0.01
+"""Share of Gaussians at either end that count for neither the cells nor how much the largest covers."""
 _TONES = (-0.25, 1.25)
 """Colours of the bytes 0 and 255 where harmonics are added."""
 _LARGEST_HARMONIC = 0.998
@@ -50,7 +51,9 @@ class Packing:
 
     frame: Frame
     order: IntArray
-    """Rows of the scene, near ones beside each other, (N,)."""
+    """Rows of the scene, near ones beside each other, those of each sixteen that cover most first, (N,)."""
+    covered: tuple[float, ...]
+    """Share of what all Gaussians cover that is covered after each portion."""
     tones: tuple[float, float]
     harmonics: float
     """The largest harmonic of degree 1 that can be said; 0 for none."""
@@ -65,12 +68,18 @@ class Packing:
         codes = sum((_spread(cells[:, axis].astype(np.int64)) << axis for axis in range(3)), np.zeros(len(cells), int))
         if scene.sh_degree > 0 and len(scene):
             largest = float(np.quantile(np.abs(scene.sh_rest[:, :, :3]), _LARGEST_HARMONIC))
-        return cls(frame, np.argsort(codes, kind="stable"), _TONES if largest else (0.0, 1.0), largest)
+        cover = scene.opacities * np.exp(scene.log_scales.sum(axis=1) - scene.log_scales.min(axis=1))
+        cover = np.minimum(cover, np.quantile(cover, 1 - _STRAYS))
+        order = np.argsort(codes, kind="stable")
+        order = order[np.lexsort((-cover[order], np.arange(len(order)) // _PORTIONS))]
+        shares = np.cumsum([cover[order[first::_PORTIONS]].sum() for first in range(_PORTIONS)], dtype=np.float64)
+        covered = tuple((shares / max(shares[-1], 1e-30)).tolist())
+        return cls(frame, order, covered, _TONES if largest else (0.0, 1.0), largest)
 
     def _firsts(self, most: int) -> Iterator[IntArray]:
         """Yield the rows of each portion of about so many Gaussians, the coarse one first."""
-        for number, first in enumerate(_FIRST):
-            if not number or (number + 1) * len(self.order) <= _PORTIONS * most:
+        for first in range(_PORTIONS):
+            if not first or (first + 1) * len(self.order) <= _PORTIONS * most:
                 yield self.order[first::_PORTIONS]
 
     def shown(self, most: int) -> int:

@@ -14,13 +14,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gaussian_trimmer.app.snapshots import PALETTE, MarkedObject, Progress, Snapshot, TrimChoices
-from gaussian_trimmer.cameras import Point, Viewpoint, point_of
+from gaussian_trimmer import formats
+from gaussian_trimmer.app.snapshots import PALETTE, MarkedObject, Progress, Similarity, Snapshot, TrimChoices
+from gaussian_trimmer.cameras import Point, Viewpoint, point_of, up_frame
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.formats.identify import identify
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, mask_of_rows
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate, mask_of_rows
+from gaussian_trimmer.geometry.bounds import robust_bounds
 from gaussian_trimmer.geometry.graphs import nearest
+from gaussian_trimmer.output.engines import Placement
 from gaussian_trimmer.rendering import top_contributors
 from gaussian_trimmer.selecting.interpretation import INTERPRETATIONS
 from gaussian_trimmer.selecting.marks import Click, Effect, FromFile, Mark, Marks, Rows, read_marks
@@ -30,7 +33,7 @@ from gaussian_trimmer.surface.overview import drawn_part
 from gaussian_trimmer.surface.viewed_scene import CONTRIBUTORS
 from gaussian_trimmer.trimming.result import TrimResult
 from gaussian_trimmer.trimming.trim import trim
-from gaussian_trimmer.trimming.up_vector import UpVector
+from gaussian_trimmer.trimming.up_vector import UpVector, find_up
 from gaussian_trimmer.views.view import HALF
 
 _MAX_NAME = 60
@@ -278,6 +281,61 @@ def activate(now: Snapshot, number: int) -> Change:
         raise InputError(f"There is no object {number} any more.")
     after = replace(now, active=places[0])
     return Change(after, after.sentence)
+
+
+def move(now: Snapshot, number: int, to: Similarity | None) -> Change:
+    """Let the object with this id lie elsewhere in files; None: where it lies in the scene."""
+    part = next((part for part in now.objects if part.id == number), None)
+    if part is None or part.moved == to:
+        return Change(now, now.sentence)
+    said = f"{part.name} lies {'here in what is saved and downloaded' if to else 'as in the scene'}; Ctrl+Z undoes."
+    return Change(now.with_object(replace(part, moved=to), "move"), said)
+
+
+def add_scene(now: Snapshot, added: Gaussians, name: str, path: Path) -> Change:
+    """Put another scene beside this one, upright and on its ground, as an object.
+
+    Args:
+        now: the state before.
+        added: the other scene.
+        name: the object's, unless another one has it.
+        path: where both are kept, one after the other, from now on; nothing is there yet.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    scene, up, n = now.document.scene, now.up.direction, len(now.document.scene)
+    here, there = (
+        robust_bounds(each, up_frame(way)) for each, way in ((scene, up), (added, find_up(added, None).direction))
+    )
+    aside = here.centre + here.axes[0] * (here.half_extents[0] + there.half_extents[0])
+    foot = aside + here.axes[2] * (there.half_extents[2] - here.half_extents[2])
+    turn = here.axes.T @ there.axes
+    added = Placement(turn, there.centre - turn.T @ foot, 1.0).apply(added)
+    degree = max(scene.sh_degree, added.sh_degree)
+    both = concatenate([_of_degree(each, degree).replace(extras={}) for each in (scene, added)])
+    formats.write(both, path)
+    document = replace(now.document, path=path, scene=both)
+    rest = np.zeros(len(added), np.bool_)
+    basis = replace(document.basis(now.up), photographed_from=now.basis.photographed_from)
+    after = replace(now, document=document, basis=basis, last="add a scene")
+    parts = []
+    for part in now.objects:
+        rows = (Rows.of(np.append(part.mask, rest), "as it was before a scene was added"),) if part.n_selected else ()
+        parts.append(replace(part, before=None).marked(rows, after.applied(after.nothing(), rows)))
+    rows = (Rows.of(np.arange(len(both)) >= n, "added"),)
+    names, taken = chain([name], (f"{name} {number}" for number in count(2))), {part.name for part in parts}
+    name = next(each for each in names if each not in taken)
+    selected = after.applied(after.nothing(), rows)
+    parts.append(MarkedObject(now.next_id, name, after.contrasting_colour(selected.mask), selected, rows))
+    after = replace(after, objects=tuple(parts), active=len(parts) - 1, next_id=now.next_id + 1)
+    return Change(after, f"{name} stands beside the scene: move it by 1, turn it by 2, scale it by 3.")
+
+
+def _of_degree(gaussians: Gaussians, degree: int) -> Gaussians:
+    """Return Gaussians with harmonics up to a degree that is not below their own."""
+    room = (degree + 1) ** 2 - 1 - gaussians.sh_rest.shape[2]
+    return gaussians.replace(sh_rest=np.pad(gaussians.sh_rest, ((0, 0), (0, 0), (0, room))))
 
 
 def describe(now: Snapshot, number: int, what: str, value: object) -> Change:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import shlex
 import shutil
 import time
@@ -13,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.app.edits import trim_object
+from gaussian_trimmer.app.edits import add_scene, trim_object
 from gaussian_trimmer.app.session import Session, autosave_path, project_as_json, read_project, restore
 from gaussian_trimmer.app.snapshots import Document, MarkedObject, Progress, Snapshot
 from gaussian_trimmer.errors import InputError
@@ -30,7 +31,7 @@ from gaussian_trimmer.trimming.trim import trim_objects
 
 MARKS = "selection.json"
 """Name of the file of marks among the results, the same as the command line's."""
-OBJECT, WITHOUT, ALL_FILES = DOWNLOADS = ("Object", "Scene without it", "Everything")
+OBJECT, WITHOUT, ALL_FILES = DOWNLOADS = ("Object", "Scene without it", "All files")
 _MOST_RECENT = 5
 _KEPT_SECONDS = 7 * 24 * 3600.0
 CAMERA_NAMES = ("cameras.json", "transforms.json", "transforms_train.json")
@@ -92,6 +93,16 @@ class Files:
         content.replace(path)
         return path
 
+    def add(self, path: Path, progress: Progress) -> str:
+        """Put the scene in a file beside the open one, as an object; both are one file from then on, which is kept."""
+        progress("reading the scene")
+        added = Document.read(path, None).scene
+        folder = private_folder(self._state / "scenes" / secrets.token_hex(8))
+        name = safe_file_name(path.name.split(".")[0])
+        progress("putting it beside the other")
+        both = folder / f"{self._session.document.path.name.split('.')[0]}_and_{name}.ply"
+        return self._session.do(add_scene, added, name, both)
+
     def keep(self) -> None:
         """Keep the work on the scene, if it has changed; the next time that the scene is opened, it is back.
 
@@ -121,9 +132,10 @@ class Files:
             else:
                 suffix = now.document.suffix(format or (engine and ENGINES[engine].reads[0]))
                 path = Path(parent, f"{'' if what == OBJECT else 'without_'}{name}{suffix}")
-                gaussians = result.object if what == OBJECT else result.background
+                thing = moved(result, [now.object]).object
+                gaussians = thing if what == OBJECT else result.background
                 if engine:
-                    place = PlacingOptions(engine).placement(result.object, result.objects[0].up.direction)
+                    place = PlacingOptions(engine).placement(thing, result.objects[0].up.direction)
                     gaussians = place.apply(gaussians)
                 formats.write(gaussians, path)
             data = path.read_bytes()
@@ -176,7 +188,7 @@ def save(
     cut_out, said = None if together else fresh_result(now), ""
     if now.object.together and not together:  # the command makes it alone
         cut_out = trim_object(now, now.object.choices, progress).after.object.fresh
-    placing = PlacingOptions(engine=engine)
+    placing = PlacingOptions(engine, "scene" if not engine and any(part.moved for part in parts) else None)
     names = (*result_files(suffix), "views/*.png", "selection*.json", *placing.patterns(suffix))
     inputs = _inputs(document, parts)
     with atomic_folder(folder, RESULTS, names=names, inputs=inputs, overwrite=overwrite) as results:
@@ -192,13 +204,13 @@ def save(
         cameras = str(document.camera_path.absolute()) if document.camera_path else None
         given: dict[str, Any] = {"scene": str(document.path.absolute()), "cameras": cameras, "format": format}
         given |= {} if together else {"name": now.object.name, "marks": MARKS}
-        given["placing"] = to_plain(placing)
+        given["placing"] = to_plain(PlacingOptions(engine))  # what was moved by hand is the app's alone
         report = describe(result, given, suffix=suffix)
         if not together:
             report["command"] = _command(now, folder, format, engine)
         write_trim(result, report, results, suffix)
         if placing.wished:
-            said = f" {placing.sentence(placing.write(result, results, suffix), result.objects[0].up)}"
+            said = f" {placing.sentence(placing.write(moved(result, parts), results, suffix), result.objects[0].up)}"
         stems = file_stems((part.id, part.name) for part in result.objects).values()
         for part, stem in zip(parts, stems, strict=True):
             file = f"{stem.replace(THE_OBJECT, 'selection', 1)}.json"
@@ -211,6 +223,15 @@ def save(
     return f"Saved in '{folder}'.{said}", command_for(folder)
 
 
+def moved(result: TrimResult, parts: Sequence[MarkedObject]) -> TrimResult:
+    """Return a trim of some objects with each where it was moved to."""
+    objects = (
+        replace(trimmed, gaussians=part.moved.apply(trimmed.gaussians)) if part.moved else trimmed
+        for trimmed, part in zip(result.objects, parts, strict=True)
+    )
+    return replace(result, objects=tuple(objects))
+
+
 def _command(now: Snapshot, folder: Path, format: str | None, engine: EngineName | None) -> list[str]:
     """Return the words of the command that makes the active object's cut-out, with its marks in a folder."""
     document, choices = now.document, now.object.choices
@@ -219,6 +240,7 @@ def _command(now: Snapshot, folder: Path, format: str | None, engine: EngineName
     words += ["--cameras", str(document.camera_path.absolute())] if document.camera_path else []
     words += ["--up", *map(repr, config.up)] if config.up else []
     words += ["--refine", config.refine, "--background", config.background]
+    words += ["--with-what-stands-on-it"] if choices.with_standing else []
     words += [] if choices.recover else ["--set", "evidence.recover=false"]
     words += ["--format", format] if format else []
     return [*words, "--for", engine] if engine else words

@@ -13,7 +13,7 @@ from gaussian_trimmer import sample
 from gaussian_trimmer.app import edits
 from gaussian_trimmer.app.files import DOWNLOADS, Files
 from gaussian_trimmer.app.page import Page
-from gaussian_trimmer.app.panels import PROGRAM_ENDED, WELCOME, Panels
+from gaussian_trimmer.app.panels import PLACING, PROGRAM_ENDED, WELCOME, Panels
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Cancelled, Session
 from gaussian_trimmer.app.snapshots import Progress
@@ -110,9 +110,9 @@ class Presenter:
         idle = {
             "Undo": not back,
             "Redo": not forth,
-            **dict.fromkeys(
-                ("Cut out", "Grow", "Shrink", "Clear", "Take out", "Look at the object"), not part.n_selected
-            ),
+            "Put it back": part.moved is None,
+            **dict.fromkeys(("Cut out", "Grow", "Shrink", "Clear", TAKE_OUT, *PLACING), not part.n_selected),
+            "Look at the object": not part.n_selected,
             **dict.fromkeys((*(f"Download: {what}" for what in DOWNLOADS), "Save in this folder"), part.fresh is None),
         }
         return [name for name, cannot in idle.items() if cannot]

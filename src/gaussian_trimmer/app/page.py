@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from threading import Lock
 from typing import Annotated, Any, Protocol
 
+from gaussian_trimmer.app.snapshots import Similarity
 from gaussian_trimmer.app.viewpoints import Place, View
 from gaussian_trimmer.cameras import Point
 from gaussian_trimmer.errors import InputError
@@ -87,12 +88,21 @@ class Drag:
     high: Point
 
 
+@dataclass(frozen=True)
+class Move:
+    """An object was moved, turned or scaled, in the viewer's coordinates."""
+
+    object: Annotated[int, Range(0, 1 << 31)]
+    by: Similarity
+
+
 MESSAGES: dict[str, type[Any]] = {
     "gesture": Gesture,
     "do": Do,
     "enter": Enter,
     "alter": Alter,
     "drag": Drag,
+    "move": Move,
     "view": View,
 }
 """What a tab can say, by the names that messages have; each may have the `view` of the tab beside it."""
@@ -158,6 +168,8 @@ class Page:
         """Called with an object's number, what of it was changed to which value, and in which tab."""
         self.dragged_box: Callable[[Drag], None] = lambda drag: None
         """Called with where the box in space is."""
+        self.moved: Callable[[Move], None] = lambda move: None
+        """Called with where an object is to lie."""
         self.came: Callable[[Tab], None] = lambda tab: None
         """Called with a tab that is new."""
         self._shown: dict[str, Any] = {}
@@ -221,6 +233,8 @@ class Page:
                 self.changed_object(said.object, said.what, said.value, tab)
             case Drag():
                 self.dragged_box(said)
+            case Move():
+                self.moved(said)
 
 
 def parse(text: str | bytes) -> tuple[Any, View | None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,10 @@ from gaussian_trimmer.io.writing import safe_file_name
 from gaussian_trimmer.output.engines import ENGINES, EngineName
 from gaussian_trimmer.selecting.marks import Effect
 
-TOOLS = ("Look", "Click", "Box", "Lasso", "Polygon", "Brush", "Sphere", "3D box")
-LOOK, CLICK, BOX, LASSO, POLYGON, BRUSH, SPHERE, BOX3D = TOOLS
+TOOLS = ("Look", "Click", "Colour", "Box", "Lasso", "Polygon", "Brush", "Sphere", "3D box")
+LOOK, CLICK, COLOUR, BOX, LASSO, POLYGON, BRUSH, SPHERE, BOX3D = TOOLS
+MOVE, TURN, SCALE = PLACING = ("Move", "Rotate", "Scale")
+"""Tools with which objects are seen where files have them."""
 POINTS = "Up by 3 points"
 ADD, REMOVE, KEEP_ONLY, ANEW = "Add", "Remove", "Keep only", "Replace"
 EFFECTS: dict[str, Effect] = {ADD: "add", REMOVE: "remove", KEEP_ONLY: "intersect", ANEW: "add"}
@@ -35,6 +38,7 @@ _TRIM_OPTIONS = {
     "fit": "Fit the outline",
     "clean": "Clean the background",
     "fill": "Continue the surface",
+    "with_standing": "Take along what stands on it",
 }
 """Names of the settings in `TrimChoices`."""
 AS_SCENE, AS_IT_LIES = "as the scene", "as it lies in the scene"
@@ -42,12 +46,16 @@ KEEP, REPLACE = "Keep", "Replace"
 HINTS = {
     LOOK: "Drag to turn, right-drag to move, wheel to zoom.",
     CLICK: "Click on the object. Ctrl-click removes. A click on a mistake moves the boundary.",
+    COLOUR: "Click on a colour; all that is shown in it is taken. 'Tolerance' says how like it. Ctrl removes.",
     BOX: "Drag a box around the object, or around a part of it to correct. Ctrl removes, Alt turns the view.",
     LASSO: "Draw around what is meant. Ctrl removes, Alt turns the view.",
     POLYGON: "Click corners, then on the first one or Enter. Ctrl removes, Alt turns the view.",
     BRUSH: "Paint. Ctrl removes, [ and ] change the size, Alt turns the view.",
     SPHERE: "Paint; all within the ring's radius of the surface is taken. Ctrl removes, [ and ] change it.",
     BOX3D: "Drag the box's faces by their dots, and the box by its square; then apply it.",
+    MOVE: "Drag an arrow, or the square; or use the arrow keys. Files have the object there.",
+    TURN: "Drag a ring; or use the arrow keys.",
+    SCALE: "Drag the dot; or use the arrow keys.",
     POINTS: "Click three points on the ground.",
 }
 WELCOME = "Cut one object out of a splat scene."
@@ -67,8 +75,9 @@ class Panels:
         def choice(name: str, options: tuple[str, ...]) -> Control:
             return Control(page, name, options[0], options=options)
 
-        self.tool = choice("Tool", (*TOOLS, POINTS))
-        self.effect, self.reach = choice("Mode", tuple(EFFECTS)), choice("Reach", (SURFACE, THROUGH))
+        self.tool = choice("Tool", (*TOOLS, *PLACING, POINTS))
+        self.effect = Control(page, "Mode", ADD, options=tuple(EFFECTS), effects=EFFECTS)
+        self.reach = choice("Reach", (SURFACE, THROUGH))
         self.taking = choice("Take by", (FOOTPRINT, CENTRES))
         self.brush = Control(page, "Brush radius", 24, limits=(3, 200))
         self.tolerance = Control(page, "Tolerance", 0, limits=(0, 100))
@@ -79,7 +88,8 @@ class Panels:
         self.showing = Showing()
         self.path, self.camera_path = Control(page, "Scene", path), Control(page, "Cameras", camera_path)
         self.selection_path, self.up = Control(page, "Selection", ""), choice("Up is", tuple(UPS))
-        self._trim = {option: Control(page, name, True) for option, name in _TRIM_OPTIONS.items()}
+        usual = asdict(TrimChoices())
+        self._trim = {option: Control(page, name, usual[option]) for option, name in _TRIM_OPTIONS.items()}
         self.views = Control(page, "Virtual cameras", False)
         self.format = choice("Format", (AS_SCENE, *(name.lstrip(".") for name in formats.FORMATS)))
         self.program = choice("For", (AS_IT_LIES, *(each.name for each in ENGINES.values() if each.reads)))
@@ -143,7 +153,7 @@ class Panels:
         objects = [
             {"id": each.id, "name": each.name, "colour": each.colour, "hidden": each.hidden, "locked": each.locked,
              "selected": each.n_selected, "cut": len(each.fresh.object) if each.fresh else 0, "active": each is part,
-             "result": each.result is not None}
+             "result": each.result is not None, "moved": each.moved is not None}
             for each in now.objects
         ]  # fmt: skip
         self._stem = str(Path("trimmed") / now.document.path.name.split(".")[0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from itertools import count
 from threading import Lock
 from typing import Any
@@ -14,10 +15,11 @@ import numpy as np
 from gaussian_trimmer.app.display import Layer, Painter, States, changes_as_bytes
 from gaussian_trimmer.app.page import Drag, Page, Tab
 from gaussian_trimmer.app.snapshots import Snapshot
-from gaussian_trimmer.app.viewpoints import Frame, viewpoint_of
+from gaussian_trimmer.app.viewpoints import Frame, first_look, viewpoint_of
 from gaussian_trimmer.cameras import Camera, Point, Viewpoint, point_of, up_frame
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, Float64Array
+from gaussian_trimmer.geometry.bounds import robust_bounds
 from gaussian_trimmer.output.pictures import draw_outlines
 from gaussian_trimmer.selecting.marks import Box3D, Effect
 from gaussian_trimmer.trimming.result import TrimResult
@@ -39,6 +41,9 @@ class SceneView:
         self._scene = 0
         self._views: list[bytes] = []
         self._box: Drag | None = None
+        self._standing: tuple[object, Point | None] = (None, None)
+        self.start: tuple[Point, Point] = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+        """From where the scene was looked at first, and at which point."""
         self._lock = Lock()
         page.dragged_box, page.came = self._dragged, self._show_to
 
@@ -47,13 +52,16 @@ class SceneView:
         """The viewer's coordinates."""
         return self.painter.packing.frame if self.painter else Frame(np.zeros(3), 1.0)
 
-    def open(self, scene: Gaussians, start: tuple[Point, Point], up: Float64Array) -> None:
-        """Show another scene, from an eye that looks at a point; tabs that are there look from it, too."""
+    def open(self, now: Snapshot) -> None:
+        """Show another scene, or the same one turned, from its first view; tabs that are there look from it, too."""
+        scene, up = now.document.scene, now.up.direction
+        self.start = first_look(scene, now.document.cameras, up)
         if self.painter is None or self.painter.scene is not scene:
             self.painter, self._told, self._scene = Painter(scene), None, next(self._numbers)
-        packing, looks = self.painter.packing, [self._place(point) for point in start]
+        packing, looks = self.painter.packing, [self._place(point) for point in self.start]
         shown = packing.shown(self._most)
-        facts = {"count": len(scene), "shown": shown, "tones": packing.tones, "harmonics": packing.harmonics}
+        facts = {"count": len(scene), "shown": shown, "covered": packing.covered}
+        facts |= {"tones": packing.tones, "harmonics": packing.harmonics}
         self.show_up(up)
         self._page.show(drawn={"number": self._scene, **facts}, start=[next(self._numbers), *looks])
 
@@ -75,13 +83,27 @@ class SceneView:
     def show(self, now: Snapshot) -> None:
         """Tell all tabs how a state of the scene differs from the one before."""
         if self.painter is None or self.painter.scene is not now.document.scene:
-            return
+            self.open(now)
+        assert self.painter is not None, "it is of the scene"
         states = self.painter.states(now)
         with self._lock:
             before, self._told = self._told, (states, self.painter.layers(now, states))
             change = changes_as_bytes(before and before[0], *self._told, self.painter.packing.order)
             for tab in self._page.tabs:
                 tab.send(change)
+        moved = [part.moved and asdict(self.frame.moved(part.moved)) for part in now.objects]
+        axes = [point_of(axis) for axis in up_frame(now.up.direction)]
+        self._page.show(placing={"foot": self._foot(now), "axes": axes, "moved": moved})
+
+    def _foot(self, now: Snapshot) -> Point | None:
+        """Return the middle of the active object's foot, around which it is turned; None if there is none."""
+        selected = now.object.selected
+        if self._standing[0] is not selected:
+            found = now.document.scene.select(np.flatnonzero(selected.mask))
+            bounds = robust_bounds(found, up_frame(now.up.direction)) if len(found) else None
+            foot = bounds.centre - bounds.half_extents[2] * bounds.axes[2] if bounds else None
+            self._standing = selected, None if foot is None else self._place(point_of(foot))
+        return self._standing[1]
 
     def _show_to(self, tab: Tab) -> None:
         with self._lock:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+import hmac
 import ipaddress
 import json
 import mimetypes
@@ -98,11 +99,14 @@ class Guard:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or refuse it."""
         from starlette.datastructures import Headers, MutableHeaders
-        from starlette.responses import PlainTextResponse
+        from starlette.responses import PlainTextResponse, Response
 
         if scope["type"] == "lifespan":
             return await self._app(scope, receive, send)
         path = inner_path(scope["path"], Headers(scope=scope), self._key)
+        nonce = re.fullmatch(r"/proof/([0-9a-f]{32})", scope["path"])
+        if nonce and scope["type"] == "http" and inner_path(f"/{self._key}/", Headers(scope=scope), self._key):
+            return await Response(self._proof(nonce[1]), headers=PAGE_HEADERS)(scope, receive, send)
         if path is None:
             if scope["type"] == "websocket":
                 return await send({"type": "websocket.close", "code": 1008})
@@ -114,6 +118,10 @@ class Guard:
             await send(message)
 
         return await self._app({**scope, "path": path, "raw_path": path.encode()}, receive, send_with_headers)
+
+    def _proof(self, nonce: str) -> bytes:
+        """Return what only who has the key can say of a tab's nonce: the tab sends the key to nobody else."""
+        return hmac.digest(self._key.encode(), nonce.encode(), "sha256")
 
 
 class Connection:
@@ -188,7 +196,7 @@ def make_app(controller: Controller, state: Path, key: str) -> Starlette:
             jobs.panels.say(f"'{name}' could not be taken: {error.strerror}.", wrong=True)
             return Answer(status_code=507)
         asker = next((tab for tab in jobs.page.tabs if str(id(tab)) == request.query_params.get("tab")), None)
-        await asyncio.to_thread(controller.receive, path, asker)
+        await asyncio.to_thread(controller.receive, path, asker, beside="beside" in request.query_params)
         return Answer(status_code=204)
 
     async def talk(wire: WebSocket) -> None:

@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.app.edits import Change, check_name, understood_with
-from gaussian_trimmer.app.snapshots import Document, MarkedObject, Progress, Snapshot
+from gaussian_trimmer.app.snapshots import Document, MarkedObject, Progress, Similarity, Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import PROJECT
 from gaussian_trimmer.gaussians import Gaussians
@@ -147,6 +147,8 @@ class Project:
     cameras: Path | None
     objects: dict[str, Marks]
     """By name; all know the number of the scene's Gaussians."""
+    moved: dict[str, Similarity]
+    """Where those lie in files that were moved."""
 
     @property
     def scene_size(self) -> int | None:
@@ -170,6 +172,7 @@ def project_as_json(now: Snapshot, folder: Path) -> str:
         "scene": str(document.path.absolute()),
         "cameras": None if document.camera_path is None else str(document.camera_path.absolute()),
         "objects": {part.name: marks_as_json(replace(now.basis, marks=part.marks), folder) for part in now.objects},
+        "moved": {part.name: asdict(part.moved) for part in now.objects if part.moved},
     }
     return json.dumps(plain, indent=1, allow_nan=False)
 
@@ -190,6 +193,7 @@ def read_project(path: Path) -> Project:
         from_plain(raw.get("scene"), Path, f"{where}scene"),
         from_plain(raw.get("cameras"), Path | None, f"{where}cameras"),
         {check_name(name): marks_from_json(marks, path) for name, marks in objects.items()},
+        from_plain(raw.get("moved", {}), dict[str, Similarity], f"{where}moved"),
     )
     if len({marks.scene_size for marks in project.objects.values()}) > 1:
         raise InputError(f"'{path}' is damaged: its objects are of different scenes.")
@@ -219,7 +223,7 @@ def restore(now: Snapshot, project: Project, progress: Progress = lambda stage: 
         progress(f"the marks of {name}")
         selected = now.applied(now.nothing(), saved.marks)
         colour = replace(now, objects=tuple(parts)).contrasting_colour(selected.mask)
-        parts.append(MarkedObject(number, name, colour, selected, saved.marks))
+        parts.append(MarkedObject(number, name, colour, selected, saved.marks, moved=project.moved.get(name)))
     last = len(parts) - 1
     after = replace(now, objects=tuple(parts), active=last, next_id=len(parts) + 1, last="work of last time")
     marked = sum(bool(part.marks) for part in parts)

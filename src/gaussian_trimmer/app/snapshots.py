@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -17,14 +18,16 @@ from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet, Point, point_of
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
-from gaussian_trimmer.gaussians import SH_C0, BoolArray, Gaussians
+from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, Gaussians, rotation_matrices
 from gaussian_trimmer.geometry.limits import check_magnitudes
+from gaussian_trimmer.output.engines import Placement
 from gaussian_trimmer.output.report import describe, sentences
 from gaussian_trimmer.output.saving import suffix_of
 from gaussian_trimmer.selecting.interpretation import MarkInterpreter
 from gaussian_trimmer.selecting.marks import Mark, Marks
 from gaussian_trimmer.selecting.select import resolve_views
 from gaussian_trimmer.selecting.selection import Selection
+from gaussian_trimmer.settings import Range
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.evidence import EvidenceConfig
 from gaussian_trimmer.trimming.result import TrimResult
@@ -123,6 +126,9 @@ class TrimChoices:
     fit: bool = True
     """Cut and fit the Gaussians at the object's outline."""
 
+    with_standing: bool = False
+    """Take out of the scene what stands on the object, too."""
+
     def config(self, up: Point | None) -> TrimConfig:
         """Return the settings of all stages; an up vector that is None is found, as the command line does."""
         return TrimConfig(
@@ -130,7 +136,32 @@ class TrimChoices:
             evidence=EvidenceConfig(recover=self.recover),
             refine="fit" if self.fit else "off",
             background="exact" if not self.clean else ("filled" if self.fill else "clean"),
+            with_what_stands_on_it=self.with_standing,
         )
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """A move, a turn and a scaling: a point x goes to scale * R @ x + to."""
+
+    scale: Annotated[float, Range(1e-3, 1e3)] = 1.0
+    turn: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    """R as a quaternion, w first, of any length but zero."""
+    to: Point = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not 0.5 < np.linalg.norm(self.turn) < 2:
+            raise InputError("A turn is a quaternion of about unit length.")
+
+    @property
+    def rotation(self) -> Float64Array:
+        """The rotation, (3, 3)."""
+        return np.asarray(rotation_matrices(np.array([self.turn], np.float32))[0])
+
+    def apply(self, gaussians: Gaussians) -> Gaussians:
+        """Return Gaussians that lie there."""
+        origin = -self.rotation.T @ np.array(self.to) / self.scale
+        return Placement(self.rotation, origin, self.scale).apply(gaussians)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +190,8 @@ class MarkedObject:
     """Not to be seen; what is hidden cannot be marked either."""
     locked: bool = False
     """Other objects get none of what this one has."""
+    moved: Similarity | None = None
+    """Where it is to lie in files; None: where it lies in the scene."""
 
     @property
     def fresh(self) -> TrimResult | None:

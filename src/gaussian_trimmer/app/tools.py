@@ -13,10 +13,10 @@ from gaussian_trimmer.app import edits, panels
 from gaussian_trimmer.app.display import markable_rows, shown_rows
 from gaussian_trimmer.app.jobs import Jobs
 from gaussian_trimmer.app.page import Gesture
-from gaussian_trimmer.app.viewpoints import Event, Place, before_what_shows, pixel_at, points_at
+from gaussian_trimmer.app.viewpoints import Event, Place, Showing, before_what_shows, pixel_at, points_at
 from gaussian_trimmer.cameras import Point, Viewpoint, point_of, up_frame
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import Gaussians, mask_of_rows
+from gaussian_trimmer.gaussians import SH_C0, FloatArray, Gaussians, IntArray, mask_of_rows
 from gaussian_trimmer.rendering import top_contributors
 from gaussian_trimmer.selecting.clicks import NothingFoundError
 from gaussian_trimmer.selecting.marks import Box, Click, Effect, Grow, Mark, Rows, Shrink, Stroke
@@ -34,6 +34,8 @@ _BOX_SHARE = 0.2
 _BOX_PROBES = 12
 """Places across a box in the picture at which it is asked what shows there."""
 _BRUSH_STEP = 1.25
+_LIKE = 0.1
+"""How far a colour may be from the picked one in each channel, 0 to 1, unless a tolerance is chosen."""
 
 
 class Tools:
@@ -42,8 +44,8 @@ class Tools:
     def __init__(self, jobs: Jobs) -> None:
         self._session, self._panels, self._view, self._do = jobs.session, jobs.panels, jobs.view, jobs.do
         self._corners: list[Point] = []
-        self._clicked: tuple[tuple[Mark, ...], Click | None] = ((), None)
-        """The marks after the last click, and that click."""
+        self._clicked: tuple[tuple[Mark, ...], float, Callable[[float], Mark]] | None = None
+        """The marks after the last click, its tolerance, and what it is with another one; None after other marks."""
 
     def choose(self, tool: str, client: Any) -> None:
         """Take a tool. Only the box in space has to look at the scene, and waits for what is being done."""
@@ -65,6 +67,9 @@ class Tools:
         tool: str = self._panels.tool.value
         if tool == panels.BOX3D:
             self._show_box(client)
+        now = self._session.glance()
+        if tool in panels.PLACING and now is not None:
+            self._panels.showing = Showing("Everything", "Selection" if now.object.result is None else "Cut-out", "Own")
         return panels.HINTS[tool]
 
     def resize_brush(self, client: Any, *, larger: bool) -> None:
@@ -77,6 +82,7 @@ class Tools:
         """Do what was meant by a gesture."""
         work: dict[str, Callable[[Viewpoint, Gesture], str]] = {
             panels.CLICK: self._click,
+            panels.COLOUR: self._pick,
             panels.BOX: self._box,
             panels.POINTS: self._corner,
             **dict.fromkeys((panels.LASSO, panels.POLYGON, panels.BRUSH, panels.SPHERE), self._draw),
@@ -129,20 +135,41 @@ class Tools:
         other = self._other_at(view, place)
         if other is not None and self._session.now.object.marks and gesture.effect is None and effect == "add":
             return self._session.do(edits.activate, other, joined=True)
-        x, y = pixel_at(view, place)
+        click = Click(*pixel_at(view, place), self._past_hidden(view, [place]), effect)
+        return self._mark_with_tolerance(lambda tolerance: replace(click, tolerance=tolerance), gesture)
+
+    def _pick(self, view: Viewpoint, gesture: Gesture) -> str:
+        """Mark all that is shown in about the colour of what was clicked on."""
+        rows, weights = self._at(view, gesture.places[0])
+        if not len(rows):
+            raise InputError("Nothing is seen there; click on a surface.")
+        colours, effect, shown = self._session.document.scene.sh_dc, self._effect(gesture.effect), self._shown_rows()
+        far = SH_C0 * np.abs(colours - np.average(colours[rows], axis=0, weights=weights)).max(axis=1)
+
+        def like(tolerance: float) -> Mark:
+            return Rows.of((far <= (tolerance or _LIKE)) & shown, "colour", effect)
+
+        return self._mark_with_tolerance(like, gesture)
+
+    def _mark_with_tolerance(self, make: Callable[[float], Mark], gesture: Gesture) -> str:
+        """Make a mark that depends on the tolerance, so that another one can be tried."""
         tolerance = self._panels.tolerance.value / 100
-        return self._mark(Click(x, y, self._past_hidden(view, [place]), effect, tolerance), gesture)
+        said = self._mark(make(tolerance), gesture)
+        self._clicked = self._session.now.object.marks, tolerance, make
+        return said
 
     def tolerate(self, client: Any) -> None:
         """Make the last click again with the tolerance that is chosen, if nothing was done after it."""
 
         def work() -> str | None:
-            tolerance, (marks, click) = self._panels.tolerance.value / 100, self._clicked
-            if click is None or self._session.now.object.marks is not marks or click.tolerance == tolerance:
+            tolerance, clicked = self._panels.tolerance.value / 100, self._clicked
+            if clicked is None or self._session.now.object.marks is not clicked[0] or clicked[1] == tolerance:
                 return None
             self._session.undo()
             try:
-                return self._mark(replace(click, tolerance=tolerance))
+                said = self._mark(clicked[2](tolerance))
+                self._clicked = self._session.now.object.marks, tolerance, clicked[2]
+                return said
             except InputError:
                 self._session.redo()
                 raise
@@ -151,15 +178,20 @@ class Tools:
 
     def _other_at(self, view: Viewpoint, place: Place) -> int | None:
         """Return the number of another object that has most of what shows at a place; None if none has."""
-        now, small = self._session.now, small_view(view.camera)
-        pixel = np.array([pixel_at(Viewpoint(small), place)])
-        rows, weights = top_contributors(self._shown(), small, pixel, CONTRIBUTORS)
-        ours = np.flatnonzero(self._shown_rows())[rows[0][weights[0] > 0]]
-        weights = weights[0][weights[0] > 0]
+        now, (rows, weights) = self._session.now, self._at(view, place)
         for part in now.objects:
-            if part is not now.object and weights[(part.mask & ~now.object.mask)[ours]].sum() > HALF * weights.sum():
+            if part is not now.object and weights[(part.mask & ~now.object.mask)[rows]].sum() > HALF * weights.sum():
                 return part.id
         return None
+
+    def _at(self, view: Viewpoint, place: Place) -> tuple[IntArray, FloatArray]:
+        """Return rows of the scene that show at a place, and how much of it each is."""
+        small = small_view(view.camera)
+        found, weights = top_contributors(
+            self._shown(), small, np.array([pixel_at(Viewpoint(small), place)]), CONTRIBUTORS
+        )
+        rows = np.flatnonzero(self._shown_rows())[found[0][weights[0] > 0]]
+        return rows, weights[0][weights[0] > 0]
 
     def _box(self, view: Viewpoint, gesture: Gesture) -> str:
         """Mark the thing in a box while nothing is selected; otherwise, or where none is found, what shows in it."""
@@ -226,7 +258,7 @@ class Tools:
         anew = self._panels.effect.value == panels.ANEW and gesture is not None and gesture.effect is None
         among = markable_rows(self._session.now, self._panels.showing)
         sentence = self._session.do(edits.mark, mark, among=among, anew=anew)
-        self._clicked = self._session.now.object.marks, mark if isinstance(mark, Click) else None
+        self._clicked = None
         if self._panels.effect.value == panels.KEEP_ONLY:  # else the next mark would keep nothing
             self._panels.effect.value = panels.ADD
         return sentence

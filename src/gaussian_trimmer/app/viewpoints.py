@@ -9,7 +9,7 @@ from typing import Annotated, Literal, get_args
 
 import numpy as np
 
-from gaussian_trimmer.app.snapshots import Snapshot
+from gaussian_trimmer.app.snapshots import Similarity, Snapshot
 from gaussian_trimmer.cameras import Camera, CameraSet, Point, Viewpoint, intrinsics, look_at, point_of
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
@@ -59,6 +59,12 @@ class Frame:
     def to_scene(self, points: Float64Array | Sequence[float]) -> Float64Array:
         """Return points in the viewer's coordinates (..., 3) in those of the scene."""
         return np.asarray(np.asarray(points, np.float64) / self.scale + self.centre)
+
+    def moved(self, by: Similarity, *, to_scene: bool = False) -> Similarity:
+        """Return what moves the viewer's points as another similarity moves those of the scene, or the other way."""
+        turned = by.scale * by.rotation @ self.centre
+        to = self.to_scene(by.to) - turned if to_scene else self.to_viewer(np.array(by.to) + turned)
+        return replace(by, to=point_of(to))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ _WORDS = (
     (r"give --up [-\d. ]+\d", "use 'Up by 3 points' on the ground"),
     (r"cameras of their pictures: --cameras PATH", "cameras of their pictures; give them beside 'Scene'"),
     (r"a --box around it may do better", "drag 'Tolerance', or draw around it"),
-    (r"--with-what-stands-on-it discards (it|them), too", r"mark \1, too, and \1 goes with the object"),
+    (r"--with-what-stands-on-it discards (it|them), too", r"'Take along what stands on it' in 'Options' takes \1 out"),
     (r"'[^']*[/\\]files[/\\][0-9a-f]{16}[/\\]([^'/\\]+)'", r"'\1'"),
     (r", or allow it with --trust-paths", " in the file"),
 )

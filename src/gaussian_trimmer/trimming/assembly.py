@@ -80,8 +80,10 @@ def assemble_object(setup: Setup, owner: LabelArray, decision: Decision, number:
     """
     rough, crop, not_fitted = decision.rough, decision.crop, None
     pieces, cut_off = _split(decision, setup.scene, decision.owned(owner, number))
-    if decision.outline is not None and setup.config.refine == "fit":
-        own = owner[crop.rows] == number
+    own = owner[crop.rows] == number
+    if decision.outline is not None and setup.config.refine == "fit" and own.all() and decision.cut is None:
+        not_fitted = "nothing lies around the object"
+    elif decision.outline is not None and setup.config.refine == "fit":
         if decision.cut is None:
             renders = decision.outline.render_part(crop.local, own, colours=True)
         else:

@@ -5,6 +5,8 @@
 
 /** @typedef {[number, number, number]} Vector */
 /** @typedef {{eye: Vector, right: Vector, down: Vector, forward: Vector, focal: number}} Pose */
+/** @typedef {[number, number, number, number]} Quaternion w first */
+/** @typedef {{scale: number, turn: Quaternion, to: Vector}} Similarity a point x goes to scale * turned x + to */
 /** @typedef {{part: number, when: number, colours: number, ghost: boolean}} Showing */
 
 export const LINE = 1024; // splats in a line of the textures
@@ -21,6 +23,8 @@ precision highp float; precision highp int; precision highp usampler2D;
 uniform usampler2D splats;  // two texels a splat: x y z scales | rgba rotation and two words of harmonics
 uniform usampler2D states;
 uniform sampler2D palette;  // colours of objects; alpha: whether they are seen
+uniform sampler2D moves;    // where objects were moved to: quaternion, w first; translation and scale
+uniform int moving;         // whether they are seen there
 uniform mat3 rotation;      // world to camera: x right, y down, z forward
 uniform vec3 translation, eye;
 uniform vec2 size;          // of the picture, in pixels
@@ -38,6 +42,12 @@ vec4 bytes(uint word) { return vec4(word & 255u, (word >> 8) & 255u, (word >> 16
 float coefficient(uvec2 words, int i) {
   uint bits = i == 8 ? (words.x >> 28) | ((words.y >> 28) << 4) : (words[i / 4] >> uint(7 * (i % 4))) & 127u;
   return (float(bits) / 63.0 - 1.0) * harmonics;
+}
+mat3 matrix(vec4 q) {  // w first
+  return mat3(
+    1.0 - 2.0 * (q.z * q.z + q.w * q.w), 2.0 * (q.y * q.z + q.x * q.w), 2.0 * (q.y * q.w - q.x * q.z),
+    2.0 * (q.y * q.z - q.x * q.w), 1.0 - 2.0 * (q.y * q.y + q.w * q.w), 2.0 * (q.z * q.w + q.x * q.y),
+    2.0 * (q.y * q.w + q.x * q.z), 2.0 * (q.z * q.w - q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z));
 }
 vec4 turn(uint word) {  // the three smaller parts of a quaternion, and which is the largest
   vec3 small = (vec3(word & 1023u, (word >> 10) & 1023u, (word >> 20) & 1023u) / 511.0 - 1.0) * 0.70710678;
@@ -67,12 +77,20 @@ void main() {
 
   ivec2 texel = ivec2(2 * at.x, at.y);
   uvec4 first = texelFetch(splats, texel, 0), second = texelFetch(splats, texel + ivec2(1, 0), 0);
-  vec3 point = uintBitsToFloat(first.xyz), centre = rotation * point + translation;
+  vec3 point = uintBitsToFloat(first.xyz);
+  mat3 turned = mat3(1.0);
+  float larger = 1.0;
+  if (moving == 1 && owner != 0u) {
+    vec4 to = texelFetch(moves, ivec2(int(owner), 1), 0);
+    turned = matrix(texelFetch(moves, ivec2(int(owner), 0), 0)), larger = to.w;
+    point = larger * (turned * point) + to.xyz;
+  }
+  vec3 centre = rotation * point + translation;
   colour = bytes(second.x) / 255.0;
   if (centre.z < near || colour.a < 1.0 / 255.0) return;
   vec3 rgb = mix(vec3(tones.x), vec3(tones.y), colour.rgb);
   if (harmonics > 0.0) {
-    vec3 way = normalize(point - eye) * 0.4886025;
+    vec3 way = normalize(point - eye) * turned * 0.4886025;
     for (int i = 0; i < 3; i++) rgb[i] += -way.y * coefficient(second.zw, 3 * i) + way.z * coefficient(second.zw, 3 * i + 1)
       - way.x * coefficient(second.zw, 3 * i + 2);
   }
@@ -86,13 +104,9 @@ void main() {
   if (state.w == 2u) tint = vec3(0.87, 0.24, 0.16);
   if (tint.r >= 0.0) rgb = mix(rgb, tint, 0.6);
 
-  vec4 q = turn(second.y);
-  vec3 scale = exp(vec3(first.w & 1023u, (first.w >> 10) & 1023u, (first.w >> 20) & 1023u) / 1023.0 * 20.0 - 14.0);
+  vec3 scale = exp(vec3(first.w & 1023u, (first.w >> 10) & 1023u, (first.w >> 20) & 1023u) / 1023.0 * 20.0 - 14.0) * larger;
   if ((flags & ${EXTRA}u) == 0u) scale *= grown;
-  mat3 axes = rotation * mat3(
-    1.0 - 2.0 * (q.z * q.z + q.w * q.w), 2.0 * (q.y * q.z + q.x * q.w), 2.0 * (q.y * q.w - q.x * q.z),
-    2.0 * (q.y * q.z - q.x * q.w), 1.0 - 2.0 * (q.y * q.y + q.w * q.w), 2.0 * (q.z * q.w + q.x * q.y),
-    2.0 * (q.y * q.w + q.x * q.z), 2.0 * (q.z * q.w - q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z));
+  mat3 axes = rotation * turned * matrix(turn(second.y));
   axes[0] *= scale.x; axes[1] *= scale.y; axes[2] *= scale.z;
   // The projection's Jacobian, evaluated no farther outside the picture than a part of its size.
   vec2 limit = 0.65 * size / focal, slope = clamp(centre.xy / centre.z, -limit, limit);
@@ -123,8 +137,17 @@ void main() {
 export const add = (/** @type {Vector} */ a, /** @type {Vector} */ b) => /** @type {Vector} */ (a.map((value, i) => value + b[i]));
 export const times = (/** @type {Vector} */ a, /** @type {number} */ by) => /** @type {Vector} */ (a.map((value) => value * by));
 export const dot = (/** @type {Vector} */ a, /** @type {Vector} */ b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-const cross = (/** @type {Vector} */ a, /** @type {Vector} */ b) =>
+export const cross = (/** @type {Vector} */ a, /** @type {Vector} */ b) =>
   /** @type {Vector} */ ([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]);
+/** @param {Quaternion} a @param {Quaternion} b @returns {Quaternion} turns by b, then by a */
+export const product = ([w, x, y, z], [W, X, Y, Z]) => [
+  w * W - x * X - y * Y - z * Z, w * X + x * W + y * Z - z * Y, w * Y - x * Z + y * W + z * X, w * Z + x * Y - y * X + z * W,
+];
+/** @param {Similarity} by @param {Vector} point @returns {Vector} */
+export function movedPoint({ scale, turn, to }, point) {
+  const [w, ...axis] = turn, twice = times(cross(axis, point), 2);
+  return add(times(add(point, add(times(twice, w), cross(axis, twice))), scale), to);
+}
 const unit = (/** @type {Vector} */ a) => times(a, 1 / (Math.hypot(...a) || 1));
 
 /** A scene and the eye that looks at it, in the viewer's coordinates. */
@@ -136,6 +159,9 @@ export class Canvas {
     this.count = 0; // splats of the scene that there are
     this.total = 0; // that come
     this.whole = 0; // that the scene has
+    /** @type {number[]} */ this.covered = []; // share of it that is covered after each portion
+    /** @type {WebGLFramebuffer | undefined} */ this.surfaceBuffer = undefined;
+    this.seen = "";
     this.capacity = 0;
     this.states = new Uint8Array(0); // four bytes a splat
     this.texels = new Uint32Array(0); // eight words a splat
@@ -144,7 +170,7 @@ export class Canvas {
     this.tones = [0, 1];
     this.harmonics = 0;
     this.active = 1;
-    this.palette = new Uint8Array(1024).fill(255);
+    /** @type {Uint8Array<ArrayBuffer>} */ this.palette = new Uint8Array(1024).fill(255);
     /** @type {Showing} */ this.showing = { part: 0, when: 0, colours: 1, ghost: false };
     /** @type {Vector} */ this.eye = [0, -5, 2];
     /** @type {Vector} */ this.target = [0, 0, 0];
@@ -153,6 +179,7 @@ export class Canvas {
     /** @type {(() => void)[]} */ this.followers = []; // called after each frame
     this.budget = Infinity; // splats that are drawn while the view moves
     this.moved = false;
+    /** @type {(Similarity | null)[] | null} */ this.moves = null; // of objects, if they are seen where they were moved to
     this.grown = 1; // by how much splats are larger than they are, as there are fewer
     this.sorting = "";
     this.sortedFor = "";
@@ -191,7 +218,7 @@ export class Canvas {
       return;
     }
     gl.useProgram(program);
-    for (const name of ["splats", "states", "palette", "rotation", "translation", "eye", "size", "focal", "near", "grown", "harmonics", "tones", "showing", "chosen", "deep"])
+    for (const name of ["splats", "states", "palette", "moves", "moving", "rotation", "translation", "eye", "size", "focal", "near", "grown", "harmonics", "tones", "showing", "chosen", "deep"])
       this.where[name] = gl.getUniformLocation(program, name);
     for (const [name, parts, kind, divisor] of /** @type {[string, number, number, number][]} */ ([["corner", 2, gl.FLOAT, 0], ["row", 1, gl.UNSIGNED_INT, 1]])) {
       const place = gl.getAttribLocation(program, name);
@@ -209,7 +236,7 @@ export class Canvas {
     gl.clearColor(0, 0, 0, 0);
     gl.getExtension("EXT_color_buffer_float") || gl.getExtension("EXT_color_buffer_half_float");
     this.most = LINE * gl.getParameter(gl.MAX_TEXTURE_SIZE);
-    for (const [slot, name] of ["splats", "states", "palette"].entries()) {
+    for (const [slot, name] of ["splats", "states", "palette", "moves"].entries()) {
       gl.activeTexture(gl.TEXTURE0 + slot);
       gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
       for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.NEAREST);
@@ -218,11 +245,12 @@ export class Canvas {
     this.surfaceBuffer = undefined;
     if (this.capacity) this.allocate(), this.useOrder();
     this.usePalette();
-    this.refresh();
+    this.move(this.moves);
   }
 
-  /** Make room for what is shown of a scene. @param {{count: number, shown: number, harmonics: number, tones: number[]}} scene */
-  open({ count, shown, harmonics, tones }) {
+  /** Make room for what is shown of a scene. @param {{count: number, shown: number, covered: number[], harmonics: number, tones: number[]}} scene */
+  open({ count, shown, covered, harmonics, tones }) {
+    this.covered = covered;
     (this.total = 0), (this.count = 0), (this.extras = 0), (this.harmonics = harmonics), (this.tones = tones);
     (this.texels = new Uint32Array(0)), (this.states = new Uint8Array(0));
     this.resize(shown);
@@ -293,6 +321,10 @@ export class Canvas {
   tellCentres(at, last) {
     const centres = new Float32Array(3 * (last - at)), numbers = new Float32Array(this.texels.buffer);
     for (let i = at; i < last; i++) for (let axis = 0; axis < 3; axis++) centres[3 * (i - at) + axis] = numbers[8 * i + axis];
+    for (let i = at; this.moves && i < last; i++) {
+      const moved = this.moves?.[this.states[4 * i + (this.showing.when ? AFTER : BEFORE)] - 1];
+      if (moved) centres.set(movedPoint(moved, [numbers[8 * i], numbers[8 * i + 1], numbers[8 * i + 2]]), 3 * (i - at));
+    }
     this.worker.postMessage({ centres, at }, [centres.buffer]);
   }
 
@@ -319,7 +351,7 @@ export class Canvas {
     return seen && !(when && flags & (GONE | REPLACED)) && !(part === WITHOUT && owner);
   }
 
-  /** @param {Uint8Array} palette four bytes an object, 256 of them */
+  /** @param {Uint8Array<ArrayBuffer>} palette four bytes an object, 256 of them */
   setPalette(palette) {
     this.palette = palette;
     this.usePalette();
@@ -331,6 +363,23 @@ export class Canvas {
     if (!gl) return;
     gl.activeTexture(gl.TEXTURE2);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 256, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, this.palette);
+  }
+
+  /** See objects where they were moved to, or all where it is in the scene. @param {(Similarity | null)[] | null} moves @param {boolean} sorted whether they stay there */
+  move(moves, sorted = true) {
+    const { gl } = this, table = new Float32Array(2048);
+    for (let i = 0; i < 256; i++) {
+      const { scale, turn, to } = (i && moves?.[i - 1]) || { scale: 1, turn: [1, 0, 0, 0], to: [0, 0, 0] };
+      table.set(turn, 4 * i), table.set([...to, scale], 1024 + 4 * i);
+    }
+    this.moves = moves;
+    if (gl) {
+      gl.activeTexture(gl.TEXTURE3);
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, 256, 2, 0, gl.RGBA, gl.FLOAT, table);
+    }
+    if (sorted && this.count) for (const [first, last] of this.allRanges()) this.tellCentres(first, last);
+    if (sorted) this.shownVersion++;
+    this.refresh();
   }
 
   useOrder(order = this.order) {
@@ -396,7 +445,7 @@ export class Canvas {
   }
 
   /** Move eye and target. @param {number} x right @param {number} y down @param {number} z forward, relative to the distance */
-  move(x, y, z = 0) {
+  pan(x, y, z = 0) {
     const { right, down, forward } = this.pose(), distance = Math.hypot(...add(this.eye, times(this.target, -1)));
     const step = times(add(add(times(right, x), times(down, y)), times(forward, z)), distance);
     (this.eye = add(this.eye, step)), (this.target = add(this.target, step));
@@ -426,10 +475,17 @@ export class Canvas {
     else if (milliseconds < SLOW_MILLISECONDS / 2) this.budget = 1.2 * drawn;
   }
 
+  /** By how much splats are larger where only the first so many are drawn. @param {number} drawn */
+  growth(drawn) {
+    const { covered } = this, at = (covered.length * drawn) / Math.max(1, this.whole), portion = Math.min(covered.length - 1, Math.floor(at));
+    const before = covered[portion - 1] ?? 0, share = before + Math.min(1, at - portion) * (covered[portion] - before);
+    return share > 0 ? Math.sqrt(1 / share) : 1;
+  }
+
   /** Rows of what may be drawn, and by how much splats are larger for those that are not. @returns {[[number, number][], number]} */
   ranges() {
     const drawn = Math.floor(this.moved ? Math.min(this.count, Math.max(FEWEST, this.budget)) : this.count);
-    return [[[0, drawn], [this.total, this.total + this.extras]], Math.sqrt(Math.max(1, this.whole / Math.max(1, drawn)))];
+    return [[[0, drawn], [this.total, this.total + this.extras]], this.growth(drawn)];
   }
 
   /** @param {Vector} forward @param {[number, number][]} ranges @param {number} grown */
@@ -437,7 +493,7 @@ export class Canvas {
     const key = `${forward.map((value) => value.toFixed(4))} ${ranges} ${this.shownVersion} ${Object.values(this.showing)}`;
     if (key === this.sortedFor || this.sorting) return;
     this.sorting = key;
-    const seen = `${this.shownVersion} ${Object.values(this.showing)}`;
+    const seen = `${this.shownVersion} ${Object.values(this.showing)}`; // nothing that the view changes
     if (seen !== this.seen) {
       this.seen = seen;
       for (const [first, last] of this.allRanges()) for (let i = first; i < last; i++) this.shown[i] = this.isShown(i) ? 1 : 0;
@@ -497,6 +553,7 @@ export class Canvas {
     gl.uniform4i(where.showing, part, when, colours, ghost ? 1 : 0);
     gl.uniform1ui(where.chosen, this.active);
     gl.uniform1i(where.deep, deep ? 1 : 0);
+    gl.uniform1i(where.moving, this.moves ? 1 : 0);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
     this.counters.draws++;
     this.counters.instances = count;
@@ -516,7 +573,7 @@ export class Canvas {
     if (gl.checkFramebufferStatus(gl.FRAMEBUFFER) === gl.FRAMEBUFFER_COMPLETE) {
       const few = this.order.length > FEWEST_DEEP ? this.order.filter((row) => row < FEWEST_DEEP || row >= this.total) : this.order;
       this.useOrder(few);
-      this.paint(width, height, this.pose(), Math.sqrt(Math.max(1, this.whole / Math.min(this.total, FEWEST_DEEP))), true, few.length);
+      this.paint(width, height, this.pose(), this.growth(Math.min(this.total, FEWEST_DEEP)), true, few.length);
       this.useOrder();
       const pixels = new Float32Array(4 * width * height);
       gl.readPixels(0, 0, width, height, gl.RGBA, gl.FLOAT, pixels);

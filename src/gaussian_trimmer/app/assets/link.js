@@ -2,11 +2,9 @@
 // What the page has of the program: its state, of which it is told changes, and the scene's splats; and what it tells it.
 import { AFTER, BEFORE, FLAGS, FOV } from "./canvas.js";
 /** @typedef {import("./canvas.js").Canvas} Canvas */
-/** @typedef {{value: any, options?: string[], limits?: number[]}} Control */
+/** @typedef {{value: any, options?: string[], limits?: number[], effects?: Record<string, string>}} Control */
 
 const PORTIONS = 16, RETRY_MILLISECONDS = 1000, LOST_MILLISECONDS = 3000, WORDS = 8;
-const FIRST = Array.from({ length: PORTIONS }, (_, i) => parseInt(i.toString(2).padStart(4, "0").split("").reverse().join(""), 2));
-const PORTION_OF = FIRST.map((_, first) => FIRST.indexOf(first));
 
 /** @param {Uint8Array} data @param {CompressionStream | DecompressionStream} by @returns {Promise<Uint8Array>} */
 const through = async (data, by) =>
@@ -25,10 +23,23 @@ export class Link {
     this.settled = () => {}; // called when the program has done what it was asked for
     this.scene = { number: 0, count: 0 };
     this.started = 0;
+    /** @type {number[]} */ this.starts = [];
     /** @type {Map<number, Uint32Array>} */ this.layers = new Map();
     this.tab = "";
     this.queue = Promise.resolve();
     this.connect();
+  }
+
+  /** Connect again, to a program that proves that it has the key: another one that listens at the port now is not sent it. */
+  async reconnect() {
+    const nonce = [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+    const bytes = new TextEncoder(), secret = bytes.encode(location.pathname.split("/")[1]);
+    try {
+      const key = await crypto.subtle.importKey("raw", secret, { name: "HMAC", hash: "SHA-256" }, false, ["verify"]);
+      const proof = new Uint8Array(await (await fetch(`/proof/${nonce}`)).arrayBuffer());
+      if (await crypto.subtle.verify("HMAC", key, proof, bytes.encode(nonce))) return this.connect();
+    } catch {} // nobody listens
+    setTimeout(() => this.reconnect(), RETRY_MILLISECONDS);
   }
 
   connect() {
@@ -44,7 +55,7 @@ export class Link {
     socket.onclose = () => {
       clearTimeout(late);
       if (this.socket === socket) (this.socket = undefined), (this.fading = setTimeout(() => this.lost(true), LOST_MILLISECONDS));
-      setTimeout(() => this.connect(), RETRY_MILLISECONDS);
+      setTimeout(() => this.reconnect(), RETRY_MILLISECONDS);
     };
   }
 
@@ -69,9 +80,9 @@ export class Link {
     this.say({ is: "enter", control, value });
   }
 
-  /** Send a file. @param {File} file */
-  async upload(file) {
-    await fetch(`upload/${encodeURIComponent(file.name)}?tab=${this.tab}`, { method: "POST", body: file });
+  /** Send a file. @param {File} file @param {boolean} beside whether it is to be an object beside the open scene */
+  async upload(file, beside) {
+    await fetch(`upload/${encodeURIComponent(file.name)}?tab=${this.tab}${beside ? "&beside" : ""}`, { method: "POST", body: file });
   }
 
   /** @param {string | ArrayBuffer} data */
@@ -85,7 +96,7 @@ export class Link {
     for (const [name, value] of Object.entries(message.state)) name[0] === "=" ? (this.controls[name.slice(1)] = value) : (this.state[name] = value);
     const { drawn, start, upwards } = this.state;
     if (upwards) this.canvas.up = upwards;
-    if ((drawn?.number ?? 0) !== this.scene.number) this.load(drawn ?? { number: 0, count: 0, shown: 0, harmonics: 0, tones: [0, 1] });
+    if ((drawn?.number ?? 0) !== this.scene.number) this.load(drawn ?? { number: 0, count: 0, shown: 0, covered: [], harmonics: 0, tones: [0, 1] });
     if (start && start[0] !== this.started) (this.started = start[0]), this.canvas.look(start[1], start[2]);
     if ((this.state.share ?? null) === null) this.settled();
     this.changed();
@@ -95,6 +106,8 @@ export class Link {
   async load(drawn) {
     const { canvas } = this;
     this.scene = drawn;
+    this.starts = [0]; // first row of each portion
+    for (let portion = 0; portion < PORTIONS - 1; portion++) this.starts.push(this.starts[portion] + Math.max(0, Math.ceil((drawn.count - portion) / PORTIONS)));
     this.layers.clear();
     canvas.open(drawn);
     if (!drawn.count) return canvas.stateChanged();
@@ -113,17 +126,7 @@ export class Link {
 
   /** Row of the page of a splat, of which the program counts those near each other. @param {number} m */
   rowOf(m) {
-    return this.starts[PORTION_OF[m % PORTIONS]] + Math.floor(m / PORTIONS);
-  }
-
-  get starts() {
-    if (this.startsOf !== this.scene) {
-      this.startsOf = this.scene;
-      this.startRows = [];
-      let row = 0;
-      for (const first of FIRST) this.startRows.push(row), (row += Math.max(0, Math.ceil((this.scene.count - first) / PORTIONS)));
-    }
-    return /** @type {number[]} */ (this.startRows);
+    return this.starts[m % PORTIONS] + Math.floor(m / PORTIONS);
   }
 
   /** Bits of splats, in the program's order. @param {Iterable<number>} rows of the page */
@@ -132,7 +135,7 @@ export class Link {
     for (const row of rows) {
       let portion = PORTIONS - 1;
       while (starts[portion] > row) portion--;
-      const m = (row - starts[portion]) * PORTIONS + FIRST[portion];
+      const m = (row - starts[portion]) * PORTIONS + portion;
       bits[m >> 3] |= 1 << (m & 7);
     }
     return bits;
@@ -158,7 +161,7 @@ export class Link {
       if (row < all) for (const plane of planes) canvas.set(row, plane, values[plane * n + k]);
       k++;
     }
-    canvas.setExtras(head.layers.map(([number]) => this.layers.get(number)), extras);
+    canvas.setExtras(head.layers.map((/** @type {number[]} */ [number]) => this.layers.get(number)), extras);
     this.settled();
   }
 }

@@ -40,6 +40,7 @@ function changed() {
   if (`${palette}` !== `${canvas.palette}`) canvas.setPalette(palette);
   const now = JSON.stringify([showing, active]);
   if (now !== seen) (seen = now), (canvas.showing = showing), (canvas.active = active + 1), canvas.stateChanged();
+  tools.gizmo.follow();
   picture.className = `${picture.classList.contains("over") ? "over " : ""}${panel.isLost ? "lost " : ""}backdrop-${controls.Backdrop.value.toLowerCase()}`;
   panel.follow();
   if (panel.compared) (panel.compared.hidden = !name), (panel.compared.textContent = name);

@@ -15,6 +15,7 @@ export class Paint {
     /** @type {number[]} */ this.touched = []; // by strokes that the program has not answered
     /** @type {number[]} */ this.under = []; // by this stroke
     this.key = "";
+    this.reach = this.plane = 0;
   }
 
   /** Find where all splats show, unless that is known. */
@@ -25,10 +26,10 @@ export class Paint {
     this.key = key;
     const { right, down, forward, eye } = pose, focal = pose.focal * height, numbers = new Float32Array(canvas.texels.buffer);
     this.columns = Math.ceil(width / CELL) + 1;
-    const cells = this.columns * (Math.ceil(height / CELL) + 1), n = canvas.total + canvas.extras;
-    this.starts = new Uint32Array(cells + 1);
+    const starts = (this.starts = new Uint32Array(this.columns * (Math.ceil(height / CELL) + 1) + 1));
+    const cells = starts.length - 1, n = canvas.total + canvas.extras;
     const cellOf = new Int32Array(n).fill(-1);
-    (this.xs = new Float32Array(n)), (this.ys = new Float32Array(n)), (this.depths = new Float32Array(n));
+    const xs = (this.xs = new Float32Array(n)), ys = (this.ys = new Float32Array(n)), depths = (this.depths = new Float32Array(n));
     for (const [first, last] of canvas.allRanges())
       for (let i = first; i < last; i++) {
         const x = numbers[8 * i] - eye[0], y = numbers[8 * i + 1] - eye[1], z = numbers[8 * i + 2] - eye[2];
@@ -37,14 +38,13 @@ export class Paint {
         const across = width / 2 + (focal / depth) * (x * right[0] + y * right[1] + z * right[2]);
         const below = height / 2 + (focal / depth) * (x * down[0] + y * down[1] + z * down[2]);
         if (!(across >= 0 && across < width && below >= 0 && below < height) || !canvas.isShown(i)) continue;
-        (this.xs[i] = across), (this.ys[i] = below), (this.depths[i] = depth);
+        (xs[i] = across), (ys[i] = below), (depths[i] = depth);
         cellOf[i] = Math.floor(below / CELL) * this.columns + Math.floor(across / CELL);
-        this.starts[cellOf[i] + 1]++;
+        starts[cellOf[i] + 1]++;
       }
-    for (let i = 0; i < cells; i++) this.starts[i + 1] += this.starts[i];
-    const next = this.starts.slice();
-    this.members = new Uint32Array(this.starts[cells]);
-    for (let i = 0; i < n; i++) if (cellOf[i] >= 0) this.members[next[cellOf[i]]++] = i;
+    for (let i = 0; i < cells; i++) starts[i + 1] += starts[i];
+    const next = starts.slice(), members = (this.members = new Uint32Array(starts[cells]));
+    for (let i = 0; i < n; i++) if (cellOf[i] >= 0) members[next[cellOf[i]]++] = i;
     this.surface = canvas.surface(STEP);
   }
 

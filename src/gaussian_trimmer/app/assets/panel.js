@@ -6,12 +6,16 @@
 const ICONS = {
   Look: "M2 10s3-5 8-5 8 5 8 5-3 5-8 5-8-5-8-5zM10 8a2 2 0 1 0 0 4 2 2 0 0 0 0-4z",
   Click: "M4 3l12 7-5 1 3 5-2 1-3-5-4 4z",
+  Colour: "M16 4l-2-1-3 3 3 3 3-3zM12 8l-7 7-2 2 1-3 7-7",
   Box: "M3 5h3M8 5h4M14 5h3v3M17 10v2M17 14v1h-3M12 15H8M6 15H3v-3M3 10V8",
   Lasso: "M10 4c4 0 7 2 7 4.500s-3 4.500-7 4.500-7-2-7-4.500S6 4 10 4zM6 12.500c-1.500 1-1 3 1 5",
   Polygon: "M4 8l7-5 6 6-3 8H6z",
   Brush: "M17 3l-8 8M9 11c-2 0-3 1-3 3 0 1-1 2-3 2 2 2 8 2 8-2 0-1-1-3-2-3z",
   Sphere: "M10 3a7 7 0 1 0 0 14 7 7 0 0 0 0-14zM3 10c0 4 14 4 14 0",
   "3D box": "M10 2l7 4v8l-7 4-7-4V6zM3 6l7 4 7-4M10 10v8",
+  Move: "M10 2v16M2 10h16M10 2l-2 3M10 2l2 3M10 18l-2-3M10 18l2-3M2 10l3-2M2 10l3 2M18 10l-3-2M18 10l-3 2",
+  Rotate: "M16 10a6 6 0 1 1-2-4.500M14 2v4h-4",
+  Scale: "M3 9v8h8zM9 11l8-8M17 8V3h-5",
   Grow: "M10 3a7 7 0 1 0 0 14 7 7 0 0 0 0-14zM10 7v6M7 10h6",
   Shrink: "M10 3a7 7 0 1 0 0 14 7 7 0 0 0 0-14zM7 10h6",
   Invert: "M10 3a7 7 0 1 0 0 14 7 7 0 0 0 0-14zM10 3v14M10 6l5 0M10 10h7M10 14h5",
@@ -23,20 +27,20 @@ const ICONS = {
 };
 const DRAWN = ["Box", "Lasso", "Polygon", "Brush"];
 const SETTINGS = /** @type {Record<string, string[]>} */ ({
-  Mode: ["Click", ...DRAWN, "Sphere", "3D box"], Reach: DRAWN, "Take by": DRAWN, "Brush radius": ["Brush", "Sphere"], Tolerance: ["Click"],
+  Mode: ["Click", "Colour", ...DRAWN, "Sphere", "3D box"], Reach: DRAWN, "Take by": DRAWN, "Brush radius": ["Brush", "Sphere"], Tolerance: ["Click", "Colour"],
 });
 const CHANGES = { "#14b464": "added", "#de3c28": "removed", "#3c82e6": "cut at the outline", "#f5e13c": "made up" };
 const PANEL = /** @type {[string, string[][]][]} */ ([
-  ["", [["!Cut out"], ["Find objects", "New object", "Show all"], ["*list"]]],
+  ["", [["!Cut out"], ["Find objects", "New object", "Unhide all", "*adder"], ["*list"]]],
   ["Save", [
-    ["Download", "Download: Object", "Download: Scene without it", "Download: Everything"], ["=Format"], ["=For"], ["=Folder"],
+    ["Download", "Download: Object", "Download: Scene without it", "Download: All files"], ["=Format"], ["=For"], ["=Folder"],
     ["=Earlier results"], ["Save in this folder"], ["Cut out and save all objects"], ["=The same by command"],
   ]],
   ["File", [
     ["*chooser"], ["=Scene"], ["=Cameras"], ["Open", "Apply cameras to this scene"], ["=Selection"],
     ["Replace the marks by this file"], ["Download the project"], ["*up"], ["=Up is"], ["Up by three clicks on the ground"],
   ]],
-  ["Options", [["=Take in what is attached"], ["=Fit the outline"], ["=Clean the background"], ["=Continue the surface"], ["=Virtual cameras"]]],
+  ["Options", [["=Take in what is attached"], ["=Fit the outline"], ["=Clean the background"], ["=Continue the surface"], ["=Take along what stands on it"], ["=Virtual cameras"]]],
   ["Keys", [["*help"]]],
 ]);
 const HELD = [
@@ -62,24 +66,33 @@ export class Panel {
     (this.link = link), (this.picture = picture), (this.panel = panel);
     /** @type {(() => void)[]} */ this.followers = [];
     this.isLost = false;
-    this.chosen = make(document.body, "input", { type: "file", hidden: true, ariaLabel: "A file", onchange: () => this.upload(this.chosen.files) });
-    window.addEventListener("dragover", (event) => event.dataTransfer?.types.includes("Files") && (event.preventDefault(), this.over(true)));
-    window.addEventListener("dragleave", (event) => event.relatedTarget || this.over(false));
+    this.chosen = make(document.body, "input", { type: "file", hidden: true, ariaLabel: "A file", onchange: () => this.upload(this.chosen.files, this.beside) });
+    this.beside = false; // whether what is chosen is to be an object beside the open scene
+    window.addEventListener("dragover", (event) => event.dataTransfer?.types.includes("Files") && (event.preventDefault(), this.over(event)));
+    window.addEventListener("dragleave", (event) => event.relatedTarget || this.over(null));
     window.addEventListener("drop", (event) => {
-      this.over(false);
-      if (event.dataTransfer?.files.length) event.preventDefault(), this.upload(event.dataTransfer.files);
+      const beside = this.isBeside(event);
+      this.over(null);
+      if (event.dataTransfer?.files.length) event.preventDefault(), this.upload(event.dataTransfer.files, beside);
     });
     window.addEventListener("keydown", (event) => event.key === "F2" && (event.preventDefault(), this.rename()));
   }
 
-  /** @param {boolean} on */
-  over(on) {
-    this.picture.classList.toggle("over", on);
+  /** Dropped on the panel, a scene becomes an object. @param {Event} event */
+  isBeside(event) {
+    return Boolean(this.link.state.scene) && this.panel.contains(/** @type {Node | null} */ (event.target));
   }
 
-  /** @param {FileList} files */
-  async upload(files) {
-    for (const file of files) await this.link.upload(file);
+  /** Show where a file would be dropped. @param {Event | null} event */
+  over(event) {
+    const beside = event !== null && this.isBeside(event);
+    this.picture.classList.toggle("over", event !== null && !beside);
+    this.panel.classList.toggle("over", beside);
+  }
+
+  /** @param {FileList} files @param {boolean} beside */
+  async upload(files, beside) {
+    for (const file of files) await this.link.upload(file, beside);
     this.chosen.value = "";
   }
 
@@ -145,6 +158,7 @@ export class Panel {
         this.follows(this.button(group, option, () => this.choose(name, option)), (element) => {
           element.ariaPressed = String(this.controls[name].value === option);
           element.title = option + this.keyOf(option);
+          element.disabled = this.link.state.idle?.includes(option) ?? false;
           if (name === "Backdrop") (element.className = `gt-dot ${option.toLowerCase()}`), (element.textContent = "");
         });
       return group;
@@ -222,7 +236,12 @@ export class Panel {
 
   /** @param {Element} parent */
   chooser(parent) {
-    this.button(parent, "Choose a file", () => this.chosen.click());
+    this.button(parent, "Choose a file", () => ((this.beside = false), this.chosen.click()));
+  }
+
+  /** @param {Element} parent */
+  adder(parent) {
+    this.button(parent, "Add a scene as an object", () => ((this.beside = true), this.chosen.click()), { title: "Or drop it here, on the panel" });
   }
 
   /** @param {Element} parent */
@@ -246,7 +265,8 @@ export class Panel {
     this.addStatus(picture);
     const low = make(picture, "div", { className: "gt-low" }), settings = withScene(make(low, "div", { className: "gt-settings" }));
     for (const [name, tools] of Object.entries(SETTINGS)) this.follows(this.control(settings, name), (element) => (element.hidden = !tools.includes(this.controls.Tool.value)));
-    this.follows(this.action(settings, "Apply the box"), (element) => (element.hidden = this.controls.Tool.value !== "3D box"));
+    for (const [name, tools] of [["Apply the box", ["3D box"]], ["Put it back", ["Move", "Rotate", "Scale"]]])
+      this.follows(this.action(settings, /** @type {string} */ (name)), (element) => (element.hidden = !tools.includes(this.controls.Tool.value)));
     const bar = withScene(make(low, "div", { className: "gt-bar", role: "toolbar", ariaLabel: "Tools" }));
     bar.append(...this.control(bar, "Tool").children);
     bar.querySelector("div")?.remove();
@@ -267,7 +287,7 @@ export class Panel {
       for (const line of lines) {
         const section = make(part, "section");
         for (const what of line) {
-          if (what[0] === "*") this[/** @type {"list" | "chooser" | "up" | "help"} */ (what.slice(1))](section);
+          if (what[0] === "*") this[/** @type {"list" | "adder" | "chooser" | "up" | "help"} */ (what.slice(1))](section);
           else if (what[0] === "=") this.control(section, what.slice(1));
           else if (what === "Download") make(section, "span", {}, what);
           else this.action(section, what.replace("!", ""), what[0] === "!" ? { className: "main" } : {});

@@ -1,13 +1,14 @@
 // @ts-check
 // What hands do in the 3D view: turning, moving and flying, and the tools, with what is drawn over the picture.
 import { Paint } from "./paint.js";
+import { Gizmo } from "./gizmo.js";
 import { add, dot, times } from "./canvas.js";
 /** @typedef {import("./canvas.js").Canvas} Canvas */
 /** @typedef {import("./link.js").Link} Link */
 /** @typedef {[number, number]} Place */
 /** @typedef {import("./canvas.js").Vector} Vector */
 
-const BRUSHES = ["Brush", "Sphere"], DRAWN = ["Box", "Lasso", "Polygon", ...BRUSHES], CLICKED = ["Click", "Up by 3 points"];
+const BRUSHES = ["Brush", "Sphere"], DRAWN = ["Box", "Lasso", "Polygon", ...BRUSHES], CLICKED = ["Click", "Colour", "Up by 3 points"];
 const FREE_PIXELS = 12; // a press that moves less is a click
 const CLOSE_PIXELS = 12; // so near its first corner, a polygon closes
 const TWICE_MILLISECONDS = 400; // a second click at the same place within this time is the first one again
@@ -16,8 +17,7 @@ const FLY = { w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], e: [0, -
 const TURNS = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const RADIANS_A_PIXEL = 0.006;
 // Beside the pointer: whether what is marked is added, removed or kept.
-const SIGNS = { add: "+", remove: "\u2212", intersect: "\u2229", Add: "+", Remove: "\u2212", "Keep only": "\u2229", Replace: "=" };
-const EFFECTS = { Add: "add", Remove: "remove", "Keep only": "intersect", Replace: "add" };
+const SIGNS = /** @type {Record<string, string>} */ ({ add: "+", remove: "\u2212", intersect: "\u2229" });
 const SVG = "http://www.w3.org/2000/svg";
 const apart = (/** @type {Place} */ a, /** @type {Place} */ b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
 const effectOf = (/** @type {MouseEvent | KeyboardEvent} */ { ctrlKey, metaKey, shiftKey }) =>
@@ -35,10 +35,15 @@ export class Tools {
     this.moved = 0;
     this.last = { time: 0, at: /** @type {Place} */ ([0, 0]) };
     this.ghost = this.comparing = false;
+    this.spaceDrawn = "";
+    this.dropHandle = () => {};
+    /** @type {any} */ this.box = undefined;
+    /** @type {((at: Place) => void) | undefined} */ this.dragHandle = undefined;
     /** @type {Map<string, number[]>} */ this.flying = new Map();
     this.overlay = canvas.element.parentElement?.appendChild(document.createElementNS(SVG, "svg")) ?? document.createElementNS(SVG, "svg");
     this.overlay.id = "gesture-overlay";
     this.space = this.shape("g", {});
+    this.gizmo = new Gizmo(this);
     this.swath = this.shape("polyline", { class: "swath" });
     this.outline = this.shape("polygon", { class: "outline" });
     this.ring = this.shape("circle", { class: "ring" });
@@ -66,6 +71,12 @@ export class Tools {
 
   get tool() {
     return this.link.controls.Tool?.value ?? "Look";
+  }
+
+  /** What keys or else the mode say that a mark does. @param {MouseEvent | KeyboardEvent} event @returns {string} */
+  effect(event) {
+    const mode = this.link.controls.Mode;
+    return effectOf(event) || (mode?.effects ?? {})[mode?.value];
   }
 
   get radius() {
@@ -100,7 +111,7 @@ export class Tools {
   beginPaint(event) {
     const { controls, state } = this.link, locked = new Set();
     (state.objects ?? []).forEach((/** @type {any} */ each, /** @type {number} */ i) => (each.locked || each.hidden) && locked.add(i + 1));
-    const effect = effectOf(event) || EFFECTS[/** @type {keyof typeof EFFECTS} */ (controls.Mode.value)];
+    const effect = this.effect(event);
     this.paint.begin({ effect, through: controls.Reach.value === "Through", locked, tool: this.tool, radius: this.radius });
   }
 
@@ -140,7 +151,7 @@ export class Tools {
     const over = event.target === canvas.element || this.active;
     this.draw(over ? at : null);
     if (tool === "Look" || !over || event.altKey) return;
-    this.sign.textContent = SIGNS[/** @type {keyof typeof SIGNS} */ (effectOf(event) || this.link.controls.Mode?.value)] ?? "";
+    this.sign.textContent = SIGNS[this.effect(event)] ?? "";
     this.sign.setAttribute("x", String(at[0] + 14)), this.sign.setAttribute("y", String(at[1] - 10));
   }
 
@@ -152,15 +163,15 @@ export class Tools {
     if (other) {
       const away = (/** @type {PointerEvent} */ one) => apart([one.clientX, one.clientY], [other.clientX, other.clientY]) || 1;
       canvas.zoom(away(before) / away(event));
-      canvas.move((-x / 2) * share, (-y / 2) * share);
-    } else if (event.buttons & 6) canvas.move(-x * share, -y * share);
+      canvas.pan((-x / 2) * share, (-y / 2) * share);
+    } else if (event.buttons & 6) canvas.pan(-x * share, -y * share);
     else if (CLICKED.includes(this.tool) && this.moved < FREE_PIXELS) return;
     else canvas.orbit(-x * RADIANS_A_PIXEL, y * RADIANS_A_PIXEL);
   }
 
   /** @param {PointerEvent} event */
   release(event) {
-    if (this.dragHandle) (this.dragHandle = undefined), this.sayBox();
+    if (this.dragHandle) (this.dragHandle = undefined), this.dropHandle();
     if (!this.pointers.delete(event.pointerId)) return;
     const { tool } = this, at = /** @type {Place} */ ([event.clientX, event.clientY]), still = this.moved < FREE_PIXELS && !event.altKey;
     if (event.type === "pointercancel") return this.giveUp();
@@ -201,6 +212,7 @@ export class Tools {
     if (this.active === "Polygon" && event.key === "Enter" && this.drawn.length > 2) return this.finish(event);
     if (event.key === "Shift") return this.hold("ghost", true);
     if (event.code === "Space") return event.preventDefault(), event.repeat || this.hold("comparing", true);
+    if (event.key in TURNS && this.gizmo.nudge(TURNS[/** @type {keyof typeof TURNS} */ (event.key)])) return event.preventDefault();
     if (!event.ctrlKey && !event.metaKey && !event.altKey && this.fly(event)) return event.preventDefault();
     const name = this.bound(event);
     if (!name) return;
@@ -239,7 +251,7 @@ export class Tools {
     requestAnimationFrame((now) => {
       if (!this.flying.size) return;
       const seconds = Math.min(0.1, (now - before) / 1000);
-      for (const [x, y, z] of this.flying.values()) this.canvas.move(x * FLY_SHARE * seconds, y * FLY_SHARE * seconds, z * FLY_SHARE * seconds);
+      for (const [x, y, z] of this.flying.values()) this.canvas.pan(x * FLY_SHARE * seconds, y * FLY_SHARE * seconds, z * FLY_SHARE * seconds);
       this.glide(now);
     });
   }
@@ -268,9 +280,9 @@ export class Tools {
 
   /** What stands in the scene: the box with its handles, virtual cameras, points that were clicked. */
   drawSpace() {
-    const { box, frusta, points } = this.link.state;
+    const { box, frusta, points, placing } = this.link.state;
     if (!this.dragHandle && JSON.stringify(box) !== this.boxTold) (this.boxTold = JSON.stringify(box)), (this.box = box && structuredClone(box));
-    const pose = this.canvas.pose(), key = JSON.stringify([pose, this.box, frusta, points, innerWidth, innerHeight]);
+    const pose = this.canvas.pose(), key = JSON.stringify([pose, this.box, frusta, points, placing, this.gizmo.drawnBy, innerWidth, innerHeight]);
     if (key === this.spaceDrawn) return;
     this.spaceDrawn = key;
     this.space.replaceChildren();
@@ -293,6 +305,7 @@ export class Tools {
       if (depth > 0) this.shape("circle", { cx: x, cy: y, r: 5, class: "point" }, this.space);
     }
     if (this.box) this.drawBox(onScreen, line);
+    this.gizmo.draw(onScreen, line);
   }
 
   /** @param {number} number @param {string} rejected */
@@ -318,12 +331,7 @@ export class Tools {
       const { x, y, depth } = onScreen(this.boxPoint(ends));
       if (depth <= 0) return;
       const element = this.shape(name, facts.r ? { ...facts, cx: x, cy: y, class: "box handle" } : { ...facts, x: x - 8, y: y - 8, class: "box handle" }, this.space);
-      element.addEventListener("pointerdown", (event) => {
-        event.preventDefault();
-        const start = /** @type {PointerEvent} */ (event);
-        let from = /** @type {Place} */ ([start.clientX, start.clientY]);
-        this.dragHandle = (at) => (drag(at, from), (from = at), this.canvas.refresh());
-      });
+      this.handle(element, drag, () => this.sayBox());
     };
     for (let face = 0; face < 6; face++) {
       const axis = face >> 1, end = face & 1 ? high : low, other = face & 1 ? low : high, place = middle.slice();
@@ -342,6 +350,17 @@ export class Tools {
       const share = depth * this.canvas.pixel;
       const step = add(times(pose.right, (at[0] - from[0]) * share), times(pose.down, (at[1] - from[1]) * share));
       for (let axis = 0; axis < 3; axis++) (low[axis] += dot(step, this.box.axes[axis])), (high[axis] += dot(step, this.box.axes[axis]));
+    });
+  }
+
+  /** Something that can be dragged. @param {Element} element @param {(at: Place, from: Place) => void} drag @param {() => void} drop */
+  handle(element, drag, drop) {
+    element.addEventListener("pointerdown", (event) => {
+      event.preventDefault();
+      const start = /** @type {PointerEvent} */ (event);
+      let from = /** @type {Place} */ ([start.clientX, start.clientY]);
+      this.dragHandle = (at) => (drag(at, from), (from = at), this.canvas.refresh());
+      this.dropHandle = drop;
     });
   }
 
