@@ -177,6 +177,7 @@ def test_an_object_without_its_scene_stays_whole():
     assert result.objects[0].refused is None
     assert len(result.object) > 0.98 * len(ball)
     assert len(result.object) + len(result.background) == len(ball)
+    assert "nothing lies around" in result.objects[0].not_fitted and not len(result.objects[0].fitted)
 
 
 @pytest.mark.parametrize("draw", [toy.empty, toy.opposite])

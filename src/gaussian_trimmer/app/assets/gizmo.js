@@ -11,6 +11,7 @@ import { add, cross, dot, movedPoint, product, times } from "./canvas.js";
 const PLACING = ["Move", "Rotate", "Scale"];
 const PIXELS = 90, SEGMENTS = 48; // size of the handles, and lines of a ring
 const NUDGED = { pixels: 10, radians: Math.PI / 36, scale: 1.05 };
+const RESTING_MILLISECONDS = 300;
 const COLOURS = ["x", "y", "z"];
 
 /** Seen with its tools alone. */
@@ -19,6 +20,7 @@ export class Gizmo {
   constructor(tools) {
     this.tools = tools;
     this.told = "";
+    this.waiting = 0;
     /** @type {(Similarity | null)[]} */ this.moved = [];
   }
 
@@ -48,7 +50,7 @@ export class Gizmo {
   /** Show objects where they were moved to, with the tools for it. */
   follow() {
     const on = PLACING.includes(this.tools.tool) && this.placing, told = on ? JSON.stringify([this.placing.moved, this.tools.canvas.showing.when]) : "";
-    if (told === this.told || this.tools.dragHandle) return;
+    if (told === this.told || this.tools.dragHandle || this.waiting) return;
     this.told = told;
     this.moved = on ? structuredClone(this.placing.moved) : [];
     this.tools.canvas.move(on ? this.moved : null);
@@ -97,7 +99,8 @@ export class Gizmo {
     if (tool === "Move") this.shift(add(times(right, -left * share), times(down, up * share)));
     else if (tool === "Rotate") this.turn(left ? this.placing.axes[2] : right, (left || up) * NUDGED.radians);
     else this.grow(NUDGED.scale ** -(up || left));
-    this.drop();
+    clearTimeout(this.waiting); // keys in a row are one step
+    this.waiting = window.setTimeout(() => ((this.waiting = 0), this.drop()), RESTING_MILLISECONDS);
     return true;
   }
 
