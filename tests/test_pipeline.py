@@ -173,7 +173,7 @@ def test_a_moved_scene_gives_the_same_object(scale, shift, turn):
 
 def test_an_object_without_its_scene_stays_whole():
     ball = SCENE.select(TRUTH)
-    result = trim(ball, np.ones(len(ball), np.bool_), config=small_config(split=WHOLE))
+    result = trim(ball, np.ones(len(ball), np.bool_), config=small_config(split=WHOLE, refine="fit"))
     assert result.objects[0].refused is None
     assert len(result.object) > 0.98 * len(ball)
     assert len(result.object) + len(result.background) == len(ball)
