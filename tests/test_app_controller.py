@@ -549,6 +549,8 @@ def test_a_second_scene_stands_beside_the_first_as_an_object(app, tmp_path):
     added = added.replace(sh_rest=np.zeros((len(added), 3, 3), np.float32))
     formats.write(added, tmp_path / "lamp.ply")
     act(app.receive, tmp_path / "lamp.ply", tab(app), beside=True)
+    assert "lamp stands beside the scene" in app.panels.status_text
+    assert len(app.jobs.view.painter.states(session.now)) == n + len(added)
     ball, lamp = session.now.objects
     assert lamp.name == "lamp" and np.array_equal(lamp.mask, np.arange(n + len(added)) >= n)
     assert np.array_equal(ball.mask[:n], marked) and not ball.mask[n:].any()

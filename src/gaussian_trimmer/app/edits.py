@@ -322,7 +322,7 @@ def add_scene(now: Snapshot, added: Gaussians, name: str, path: Path) -> Change:
     parts = []
     for part in now.objects:
         rows = (Rows.of(np.append(part.mask, rest), "as it was before a scene was added"),) if part.n_selected else ()
-        parts.append(replace(part, before=None).marked(rows, after.applied(after.nothing(), rows)))
+        parts.append(replace(part.marked(rows, after.applied(after.nothing(), rows)), before=None))
     rows = (Rows.of(np.arange(len(both)) >= n, "added"),)
     names, taken = chain([name], (f"{name} {number}" for number in count(2))), {part.name for part in parts}
     name = next(each for each in names if each not in taken)
