@@ -305,9 +305,9 @@ def add_scene(now: Snapshot, added: Gaussians, name: str, path: Path) -> Change:
         InputError: the file cannot be written.
     """
     scene, up, n = now.document.scene, now.up.direction, len(now.document.scene)
-    here, there = (
-        robust_bounds(each, up_frame(way)) for each, way in ((scene, up), (added, find_up(added, None).direction))
-    )
+    found = find_up(added, None)
+    theirs = found.direction if found.is_sure else up  # a thing alone shows no ground
+    here, there = (robust_bounds(each, up_frame(way)) for each, way in ((scene, up), (added, theirs)))
     aside = here.centre + here.axes[0] * (here.half_extents[0] + there.half_extents[0])
     foot = aside + here.axes[2] * (there.half_extents[2] - here.half_extents[2])
     turn = here.axes.T @ there.axes
