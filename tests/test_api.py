@@ -177,6 +177,7 @@ CAMERA = toy.trim_by(toy.empty, SCENE, ROUGH, config=CONFIG, views=1).objects[0]
         ({"up": "--z"}, "up vector is '--z'"),
         ({"up": (0, 0, 0)}, "up vector"),
         ({"up": 3}, "up vector"),
+        ({"up": (0, 0, 1, "sure")}, "fourth number of an up vector is sure"),
         ({"config": {"up": "z"}}, "config is a dict"),
         ({"scene": "scene.ply"}, "scene is a str"),
     ],

@@ -232,9 +232,10 @@ def vector_of_up(up: Any) -> tuple[float, ...]:
             raise InputError(f"The up vector is '{up}'; give x, y, z, -x, -y or -z, or three numbers.")
         size = -1.0 if up.startswith("-") else 1.0
         up = [size if axis == up[-1].lower() else 0.0 for axis in "xyz"]
-    if len(up) == 4 and not 0 <= up[3] <= 1:
+    with_confidence = np.shape(up) == (4,)
+    unit_up(up[:3] if with_confidence else up)
+    if with_confidence and not (isinstance(up[3], (int, float, np.floating)) and 0 <= up[3] <= 1):
         raise InputError(f"The fourth number of an up vector is {up[3]}; it is a confidence, from 0 to 1.")
-    unit_up(up[:3] if len(up) == 4 else up)
     return tuple(float(value) for value in up)
 
 
