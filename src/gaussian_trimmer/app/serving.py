@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from starlette.websockets import WebSocket
 
 HOST = "127.0.0.1"
-INSTALL = 'pip install "gaussian-trimmer[app]"'
 REFUSAL = "Open the address that the program printed, as it stands there, with its key."
 PAGE_HEADERS = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; "
@@ -265,7 +264,10 @@ def serving(
         for name in ("starlette", "uvicorn", "websockets"):
             import_module(name)
     except ImportError as error:
-        raise InputError(f"The app needs Starlette, uvicorn and websockets: {INSTALL}.") from error
+        needs = (
+            f"The app needs Starlette, uvicorn and websockets ({error}); in the program's clone: pip install '.[app]'."
+        )
+        raise InputError(needs) from error
     with ExitStack() as stack:
         wire = stack.enter_context(_listening(port))
         kept = True

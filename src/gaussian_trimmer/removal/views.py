@@ -163,8 +163,8 @@ class RemovalViews:
 
     def weigh(self, part: BoolArray) -> FloatArray:
         """Return the same as `visible` where only a part (N,) is in the views, (N, 2)."""
-        nothing = draw_projected(self.gaussians, self.projection.of(part), images=self._sides, colours=False)
-        return np.asarray(nothing.weights.sum(axis=0))
+        drawn = draw_projected(self.gaussians, self.projection.of(part), images=self._sides, colours=False)
+        return np.asarray(drawn.weights.sum(axis=0))
 
     def _in(self, cameras: Sequence[Camera]) -> RemovalViews:
         return replace(self, cameras=cameras, cameras_above=(), observing=())
