@@ -73,13 +73,6 @@ def test_what_stands_beside_the_object_stays():
     assert added(trim(scene, truth, config=CONFIG)) == (0, 3, 0)
 
 
-def test_what_the_object_hides_of_a_thing_beside_it_stays():
-    """A board that reaches below the ball, as a chair does below a table."""
-    board = [[x, y, 0.2] for x in np.arange(0.5, 2.5, 0.15) for y in np.arange(-0.6, 0.61, 0.15)]
-    scene, truth = with_more(board, (0.08, 0.08, 0.02), DARK)
-    assert added(trim(scene, truth, config=CONFIG)) == (0, len(board), 0)
-
-
 @pytest.mark.parametrize("mode", ["exact", "clean"])
 def test_every_row_is_in_the_object_in_the_background_or_discarded(mode, tmp_path):
     scene, truth = BELOW

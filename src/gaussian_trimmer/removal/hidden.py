@@ -20,10 +20,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, IntArray, ellipsoid_points, mask_of_rows
+from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, IntArray, ellipsoid_points
 from gaussian_trimmer.geometry.graphs import connected_pairs, nearest
 from gaussian_trimmer.removal.views import THICKNESS_RADII, RemovalViews, Surface, above_all
-from gaussian_trimmer.views.view import HALF, TOUCHING_RADII
+from gaussian_trimmer.views.view import TOUCHING_RADII
 
 _MAX_ROUNDS = 3
 """What the interior itself has hidden shows when it is gone, and may be interior as well."""
@@ -80,20 +80,7 @@ def find_hidden(views: RemovalViews, surfaces: Sequence[Surface]) -> tuple[BoolA
         if not found.any():
             break
         interior |= found
-    if interior.any():
-        interior &= ~_of_things(views, surfaces, interior)
     return interior | _find_fragments(views, interior, within & above), unoccluded
-
-
-def _of_things(views: RemovalViews, surfaces: Sequence[Surface], interior: BoolArray) -> BoolArray:
-    """Return which Gaussians hang together, above the surfaces, in a piece that is mostly not hidden, (N,).
-
-    The seat of a chair below a table is hidden as the table's inside is, but the chair is seen.
-    """
-    solid, reach = _solid(views)
-    rows = np.flatnonzero(solid & ~views.removed & above_all(surfaces, views.gaussians.means, THICKNESS_RADII))
-    piece = _pieces(views.gaussians.means[rows], reach[rows])
-    return mask_of_rows(rows[(np.bincount(piece, interior[rows]) <= HALF * np.bincount(piece))[piece]], len(interior))
 
 
 def _where_the_object_was(views: RemovalViews, surfaces: Sequence[Surface]) -> tuple[BoolArray, BoolArray]:
@@ -147,10 +134,11 @@ def find_hanging(
         surfaces: what it stands on, hangs on or leans against.
     """
     gaussians, bounds = views.gaussians, views.bounds
-    solid, reach = _solid(views)
+    widths = np.exp(gaussians.largest_log_scales)
+    reach = _REACH_DEVIATIONS * np.minimum(widths, np.median(widths[views.of_object]))
     things = np.zeros(len(gaussians), np.int64)
     remnants, splinters = (np.zeros(len(gaussians), np.bool_) for _ in range(2))
-    rows = np.flatnonzero(~(views.removed | gone) & solid)
+    rows = np.flatnonzero(~(views.removed | gone) & (gaussians.opacities >= _LEAST_OPACITY) & (widths < bounds.radius))
     means, members = gaussians.means[rows], np.flatnonzero(views.of_object)
     piece = _pieces(means, reach[rows])
     held = np.linalg.norm(means - bounds.centre, axis=1) > _FAR_RADII * bounds.radius
@@ -169,13 +157,6 @@ def find_hanging(
     splinters[rows[free[~large & ~remnant]]] = True
     things[rows[free[large]]] = np.unique(number[large], return_inverse=True)[1] + 1
     return things, remnants, splinters
-
-
-def _solid(views: RemovalViews) -> tuple[BoolArray, FloatArray]:
-    """Return which Gaussians can hold others, and how far each one reaches, (N,) each."""
-    gaussians, widths = views.gaussians, np.exp(views.gaussians.largest_log_scales)
-    solid = (gaussians.opacities >= _LEAST_OPACITY) & (widths < views.bounds.radius)
-    return solid, _REACH_DEVIATIONS * np.minimum(widths, np.median(widths[views.of_object]))
 
 
 def _pieces(means: np.ndarray, reach: np.ndarray) -> IntArray:
