@@ -139,6 +139,15 @@ def test_views_are_drawn_in_portions_of_bounded_memory(monkeypatch):
     assert not list(portions(SCENE, []))
 
 
+def test_each_view_is_weighed_by_its_own_labels_in_portions_too(monkeypatch):
+    rng = np.random.default_rng(0)
+    labels = [rng.integers(0, 4, (camera.height, camera.width)).astype(np.uint8) for camera in VIEWS]
+    whole = list(label_weights(SCENE, VIEWS, iter(labels), 4))
+    for memory in (1, 160 * (len(SCENE) + CAMERA.width * CAMERA.height)):
+        monkeypatch.setattr(tile_renderer, "_TOGETHER_BYTES", memory)
+        np.testing.assert_array_equal(list(label_weights(SCENE, VIEWS, iter(labels), 4)), whole)
+
+
 # --- memory for projections that are kept
 
 

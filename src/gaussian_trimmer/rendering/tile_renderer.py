@@ -16,6 +16,7 @@ from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from weakref import ref
 
 import cv2
@@ -216,7 +217,7 @@ def label_weights(
     images = iter(labels)
     for some in portions(gaussians, cameras):
         projection = project_views(gaussians, cameras[some], colours=False)
-        of_views = [image.astype(np.uint8) for image, _ in zip(images, cameras[some], strict=False)]
+        of_views = [image.astype(np.uint8) for image in islice(images, len(cameras[some]))]
         yield from _weighed(projection, of_views, n_labels)
 
 
