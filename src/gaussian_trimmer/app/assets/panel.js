@@ -80,7 +80,7 @@ export class Panel {
 
   /** Dropped on the panel, a scene becomes an object. @param {Event} event */
   isBeside(event) {
-    return Boolean(this.link.state.scene) && this.panel.contains(/** @type {Node | null} */ (event.target));
+    return Boolean(this.link.state.scene) && event.target instanceof Node && this.panel.contains(event.target);
   }
 
   /** Show where a file would be dropped. @param {Event | null} event */
