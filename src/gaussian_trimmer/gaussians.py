@@ -235,6 +235,15 @@ def _either(name: str, values: Any, raw_name: str, raw_values: Any, shape: tuple
     return _array(name, values, shape) if raw_values is None else _array(raw_name, raw_values, shape)
 
 
+def of_one_degree(parts: Sequence[Gaussians]) -> list[Gaussians]:
+    """Return parts with the harmonics of the part that has most; what a part does not have is zero."""
+    most = max(part.sh_rest.shape[2] for part in parts)
+    return [
+        part.replace(sh_rest=np.pad(part.sh_rest, ((0, 0), (0, 0), (0, most - part.sh_rest.shape[2]))))
+        for part in parts
+    ]
+
+
 def concatenate(parts: Sequence[Gaussians]) -> Gaussians:
     """Gaussians of all parts, in order. Extra columns that not all parts have are left out.
 

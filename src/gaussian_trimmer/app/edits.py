@@ -20,7 +20,7 @@ from gaussian_trimmer.cameras import Point, Viewpoint, point_of, up_frame
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.formats.identify import identify
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate, mask_of_rows
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate, mask_of_rows, of_one_degree
 from gaussian_trimmer.geometry.bounds import robust_bounds
 from gaussian_trimmer.geometry.graphs import nearest
 from gaussian_trimmer.output.engines import Placement
@@ -312,8 +312,7 @@ def add_scene(now: Snapshot, added: Gaussians, name: str, path: Path) -> Change:
     foot = aside + here.axes[2] * (there.half_extents[2] - here.half_extents[2])
     turn = here.axes.T @ there.axes
     added = Placement(turn, there.centre - turn.T @ foot, 1.0).apply(added)
-    degree = max(scene.sh_degree, added.sh_degree)
-    both = concatenate([_of_degree(each, degree).replace(extras={}) for each in (scene, added)])
+    both = concatenate(of_one_degree([scene, added])).replace(extras={})
     formats.write(both, path)
     document = replace(now.document, path=path, scene=both)
     rest = np.zeros(len(added), np.bool_)
@@ -330,12 +329,6 @@ def add_scene(now: Snapshot, added: Gaussians, name: str, path: Path) -> Change:
     parts.append(MarkedObject(now.next_id, name, after.contrasting_colour(selected.mask), selected, rows))
     after = replace(after, objects=tuple(parts), active=len(parts) - 1, next_id=now.next_id + 1)
     return Change(after, f"{name} stands beside the scene: move it by 1, turn it by 2, scale it by 3.")
-
-
-def _of_degree(gaussians: Gaussians, degree: int) -> Gaussians:
-    """Return Gaussians with harmonics up to a degree that is not below their own."""
-    room = (degree + 1) ** 2 - 1 - gaussians.sh_rest.shape[2]
-    return gaussians.replace(sh_rest=np.pad(gaussians.sh_rest, ((0, 0), (0, 0), (0, room))))
 
 
 def describe(now: Snapshot, number: int, what: str, value: object) -> Change:

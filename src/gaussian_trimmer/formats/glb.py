@@ -34,6 +34,7 @@ from gaussian_trimmer.gaussians import (
     Gaussians,
     concatenate,
     logit,
+    of_one_degree,
     quaternions_of,
     rotation_matrices,
 )
@@ -172,10 +173,9 @@ def _decode(file: _Glb) -> Gaussians:
     parts = [_moved(_of_primitive(file, primitive), matrix, file.path) for primitive, matrix in found]
     if len(parts) == 1:
         return parts[0]
-    sizes, most = [len(part) for part in parts], max(part.sh_rest.shape[2] for part in parts)
+    sizes = [len(part) for part in parts]
     check_count(sum(sizes), file.path, sum(len(buffer) for buffer in (file.binary, *file.read.values())))
-    rest = [np.pad(part.sh_rest, ((0, 0), (0, 0), (0, most - part.sh_rest.shape[2]))) for part in parts]
-    whole = concatenate([part.replace(sh_rest=values) for part, values in zip(parts, rest, strict=True)])
+    whole = concatenate(of_one_degree(parts))
     numbers = np.repeat(np.arange(1, len(parts) + 1, dtype=np.int32), sizes)
     return whole.replace(
         extras={NODE: numbers}, notes=(f"{len(parts)} splats are read as one, told apart by the column '{NODE}'",)

@@ -221,6 +221,12 @@ def label_weights(
         yield from _weighed(projection, of_views, n_labels)
 
 
+def shown_weights(gaussians: Gaussians, cameras: Sequence[Camera]) -> list[FloatArray]:
+    """Blend weights of each Gaussian in each view, in pixels, (N,) each."""
+    whole = (np.zeros((camera.height, camera.width), np.uint8) for camera in cameras)
+    return [weights[:, 0] for weights in label_weights(gaussians, cameras, whole, 1)]
+
+
 def _weighed(projection: Projection, labels: Sequence[NDArray[np.uint8]], n_labels: int) -> FloatArray:
     """Return blend weights of N Gaussians by the label of each pixel of each view (H, W), (V, N, n_labels)."""
     numbers = np.arange(n_labels, dtype=np.uint8)[:, None, None]

@@ -25,6 +25,7 @@ from gaussian_trimmer.gaussians import (
 from gaussian_trimmer.geometry.graphs import connected_bodies
 from gaussian_trimmer.output.pictures import zoomed
 from gaussian_trimmer.rendering import render
+from gaussian_trimmer.rendering.tile_renderer import shown_weights
 from gaussian_trimmer.selecting.graph_cuts import correct_at_click, fills, segment_in_box
 from gaussian_trimmer.selecting.segment_on_plane import REACH, pieces_on_plane, windows_around
 from gaussian_trimmer.selecting.selection import Seed
@@ -35,7 +36,6 @@ from gaussian_trimmer.surface.viewed_scene import (
     check_pixel,
     look_at_pixel,
     look_at_pixels,
-    shown_weights,
 )
 from gaussian_trimmer.trimming.up_vector import up_from_ground_plane
 from gaussian_trimmer.views.camera_rings import ring_poses

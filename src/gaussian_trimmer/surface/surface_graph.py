@@ -28,13 +28,14 @@ from gaussian_trimmer.gaussians import (
     rotation_matrices,
 )
 from gaussian_trimmer.geometry.graphs import connected_points, min_cut, nearest
+from gaussian_trimmer.rendering.tile_renderer import shown_weights
 from gaussian_trimmer.surface.surface_estimates import (
     colour_bins,
     colour_evidence,
     directions_to,
     estimate_surface,
 )
-from gaussian_trimmer.surface.viewed_scene import ViewedScene, shown_weight, shown_weights
+from gaussian_trimmer.surface.viewed_scene import ViewedScene, shown_weight
 from gaussian_trimmer.views.camera_rings import NEAR_RADII, Lens, ring, ring_directions
 from gaussian_trimmer.views.view import HALF, visible_weight
 

@@ -12,7 +12,6 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.rendering import blend_values, blend_weights, top_contributors
-from gaussian_trimmer.rendering.tile_renderer import label_weights
 
 CONTRIBUTORS, _MIN_ALPHA = 10, 0.3
 """Number of the largest contributors to a pixel that are looked at, and least opacity at which something is visible."""
@@ -64,12 +63,6 @@ def shown_weight(gaussians: Gaussians, camera: Camera) -> FloatArray:
     """Blend weight of each Gaussian in a view, in pixels, (N,)."""
     labels = np.zeros((camera.height, camera.width), np.uint8)
     return blend_weights(gaussians, camera, labels, 1)[:, 0]
-
-
-def shown_weights(gaussians: Gaussians, cameras: Sequence[Camera]) -> list[FloatArray]:
-    """Return the same in each of several views, (N,) each."""
-    whole = (np.zeros((camera.height, camera.width), np.uint8) for camera in cameras)
-    return [weights[:, 0] for weights in label_weights(gaussians, cameras, whole, 1)]
 
 
 def check_pixel(camera: Camera, x: int, y: int) -> None:

@@ -81,15 +81,15 @@ def assemble_object(setup: Setup, owner: LabelArray, decision: Decision, number:
     rough, crop, not_fitted = decision.rough, decision.crop, None
     pieces, cut_off = _split(decision, setup.scene, decision.owned(owner, number))
     own = owner[crop.rows] == number
-    if decision.outline is not None and setup.config.refine == "fit" and own.all() and decision.cut is None:
-        not_fitted = "nothing lies around the object"
-    elif decision.outline is not None and setup.config.refine == "fit":
-        if decision.cut is None:
-            renders = decision.outline.render_part(crop.local, own, colours=True)
-        else:
-            around = concatenate([crop.local.select(~own), cut_off.gaussians])
-            renders = decision.outline.render(pieces.gaussians, around, colours=True)
+    outline = decision.outline if setup.config.refine == "fit" else None
+    if outline is not None and decision.cut is not None:
+        around = concatenate([crop.local.select(~own), cut_off.gaussians])
+        renders = outline.render(pieces.gaussians, around, colours=True)
         pieces, not_fitted = refine(pieces, renders, setup.config.refinement)
+    elif outline is not None and own.all():
+        not_fitted = "nothing lies around the object"
+    elif outline is not None:
+        pieces, not_fitted = refine(pieces, outline.render_part(crop.local, own, colours=True), setup.config.refinement)
     for cut in rough.cuts:
         from gaussian_trimmer.trimming.straddlers import cut_at_stroke  # late, since hardly anybody draws a stroke
 

@@ -16,7 +16,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds
-from gaussian_trimmer.rendering.tile_renderer import label_weights
+from gaussian_trimmer.rendering.tile_renderer import shown_weights
 from gaussian_trimmer.views.camera_rings import framing_ring
 from gaussian_trimmer.views.small_views import angles_around
 from gaussian_trimmer.views.standing import thinned
@@ -116,10 +116,10 @@ def choose_views(
     target, rest = (thinned(scene, part, -(-len(part) // _TRIED_GAUSSIANS)) for part in (rows, around))
     everything, fov, half = concatenate([target, rest]), float(np.radians(PlanConfig.fov_degrees)), -(-len(yaws) // 2)
     cameras = framing_ring(bounds, yaws, pitches, _TRIAL_PIXELS, fov, PlanConfig.fill)
-    shown = _weights(everything, cameras[:half])[:, : len(target)]
+    shown = np.stack(shown_weights(everything, cameras[:half]))[:, : len(target)]
     free = _free(shown, target, cameras)
     if count > half or free.mean() < _ENOUGH_FREE:
-        shown = np.concatenate([shown, _weights(everything, cameras[half:])[:, : len(target)]])
+        shown = np.concatenate([shown, np.stack(shown_weights(everything, cameras[half:]))[:, : len(target)]])
         free = _free(shown, target, cameras)
     total, most = shown.sum(axis=1), shown.max(axis=0)
     total[total < _LEAST_SHARE * total.max()] = 0
@@ -149,17 +149,11 @@ def _directions() -> tuple[Float64Array, Float64Array]:
     return yaws[order], pitches[order]
 
 
-def _weights(gaussians: Gaussians, cameras: Sequence[Camera]) -> FloatArray:
-    """Return how much each camera sees of each Gaussian, (V, N)."""
-    whole = np.zeros((_TRIAL_PIXELS, _TRIAL_PIXELS), np.uint8)
-    return np.stack(list(label_weights(gaussians, cameras, [whole] * len(cameras), 1)))[..., 0]
-
-
 def _free(shown: FloatArray, target: Gaussians, cameras: Sequence[Camera]) -> BoolArray:
     """Return which views show much of the object, by what is seen of each Gaussian (V, M), (V,).
 
     Much is half of what the best view would show if nothing were before the object.
     """
     total = shown.sum(axis=1)
-    whole = _weights(target, [cameras[int(np.argmax(total))]]).sum()
+    whole = shown_weights(target, [cameras[int(np.argmax(total))]])[0].sum()
     return np.asarray(total > _FREE_SHARE * whole)
