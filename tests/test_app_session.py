@@ -200,6 +200,51 @@ def test_cut_out_is_the_library_bit_by_bit_with_what_marks_removed_and_cut(sessi
     assert stages[0] == "plan"
 
 
+@pytest.mark.parametrize("effect", ["remove", "add", "intersect"])
+def test_a_stroke_on_a_cut_out_changes_only_what_it_touches(session, effect):
+    mark(session, BALL)
+    session.do(edits.trim_object, DEFAULT)
+    session.do(edits.add_object)
+    mark(session, Sphere((2.5, 2.5, 0.0), 0.3))
+    session.do(edits.trim_object, DEFAULT)
+    session.do(edits.activate, 1)
+    scene, first = session.document.scene, session.now.objects[0].fresh
+    had, dropped = first.object_mask, first.selection & ~first.object_mask
+    assert dropped.sum() > 5
+    touched = {
+        "remove": scene.means[:, 0] > 0.8,
+        "add": dropped | (scene.means[:, 0] < -2.8),  # what the trim has cut off, and what it never looked at
+        "intersect": np.abs(scene.means[:, 0]) < 0.7,
+    }[effect]
+    expected = {"remove": had & ~touched, "add": had | touched, "intersect": had & touched}[effect]
+    mark(session, Rows.of(touched, "brush", effect, settled=True))
+    assert np.array_equal(session.now.object.mask, expected)  # as it is shown until it is cut out again
+    session.do(edits.trim_object, DEFAULT, joined=True, again=True)
+    ours, other = (part.fresh for part in session.now.objects)
+    assert np.array_equal(ours.object_mask, expected)
+    given = select(scene, replace(session.now.basis, marks=session.now.object.marks))
+    theirs = gt.trim_objects(scene, {1: given}, cameras=session.document.cameras)
+    assert ours.object.means.tobytes() == theirs.object.means.tobytes()
+    assert other is not None and other is not ours  # its own cut stays
+    mark(session, TOP)
+    assert session.now.object.selected.settled is None  # the trim decides about all again
+
+
+def test_a_stroke_on_a_thing_without_surroundings_leaves_the_rest_as_it_is(tmp_path):
+    scene, ball = toy.ball_on_floor(n_floaters=0)
+    formats.write(scene.select(ball), tmp_path / "ball.ply")
+    session = Session()
+    session.open(tmp_path / "ball.ply")
+    scene = session.document.scene
+    mark(session, Rows.of(np.ones(len(scene), np.bool_), "all"))
+    session.do(edits.trim_object, DEFAULT)
+    whole, side = session.now.object.fresh.object, scene.means[:, 0] > 0.8
+    mark(session, Rows.of(side, "brush", "remove", settled=True))
+    session.do(edits.trim_object, DEFAULT, again=True)
+    left, rest = session.now.object.fresh.object.to_arrays(), whole.select(~side).to_arrays()
+    assert all(np.array_equal(left[name], values) for name, values in rest.items())
+
+
 def test_a_cut_out_is_none_fresh_or_stale(session):
     def cut_out():
         return session.now.object.result, session.now.object.stale

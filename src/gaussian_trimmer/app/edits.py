@@ -27,7 +27,6 @@ from gaussian_trimmer.output.engines import Placement
 from gaussian_trimmer.rendering import top_contributors
 from gaussian_trimmer.selecting.interpretation import INTERPRETATIONS
 from gaussian_trimmer.selecting.marks import Click, Effect, FromFile, Mark, Marks, Rows, read_marks
-from gaussian_trimmer.selecting.selection import Selection
 from gaussian_trimmer.selection_files.row_matching import MATCH_NOTHING
 from gaussian_trimmer.surface.overview import drawn_part
 from gaussian_trimmer.surface.viewed_scene import CONTRIBUTORS
@@ -90,16 +89,17 @@ def mark(now: Snapshot, *marks: Mark, among: BoolArray | None = None, anew: bool
     )
     for effect, rows in undone:
         if rows.any():
-            marks = (*marks, Rows.of(rows, "what is not shown, or another object's, stays", effect))
+            settled = getattr(marks[0], "settled", False)
+            marks = (*marks, Rows.of(rows, "what is not shown, or another object's, stays", effect, settled=settled))
             selected = now.applied(selected, marks[-1:])
     if stay and np.array_equal(selected.mask, before.selected.mask):
         raise InputError(f"This mark was not made: {stay}. To take them, add an object, and click on them first.")
     if not selected.mask.any():
         raise InputError("After this mark nothing would be selected, so it was not made. To start over, clear.")
-    change = _describe_change(before.selected, selected)
+    marked = before.marked(before.marks + marks, selected, further=True)
+    change = _describe_change(before, marked)
     if not change:
         raise InputError(f"This mark changes nothing that is shown, so it was not made: {how}.")
-    marked = before.marked(before.marks + marks, selected, further=True)
     if not before.marks and before.colour in PALETTE:
         marked = replace(marked, colour=now.contrasting_colour(selected.mask))
     sentence = f"{change} {how}. {f'{stay}. ' if stay else ''}{marked.n_selected:,} Gaussians selected."
@@ -444,13 +444,15 @@ def touches(means: FloatArray, selected: BoolArray, added: BoolArray) -> bool:
     return float(np.sqrt(squared.min())) <= _GAP_SHARE * size
 
 
-def _describe_change(before: Selection, after: Selection) -> str:
-    """Say what a mark changed; nothing if it changed nothing."""
-    added, removed = (int(np.count_nonzero(part)) for part in (after.mask & ~before.mask, before.mask & ~after.mask))
-    if added and removed:
-        return f"Added {added:,} and removed {removed:,}:"
-    if added or removed:
-        return f"Added {added:,}:" if added else f"Removed {removed:,}:"
+def _describe_change(part: MarkedObject, marked: MarkedObject) -> str:
+    """Say what a mark changed of an object; nothing if it changed nothing."""
+    before, after = part.selected, marked.selected
+    for had, has in ((part.mask, marked.mask), (before.mask, after.mask)):  # what is seen, or else what is selected
+        added, removed = (int(np.count_nonzero(rows)) for rows in (has & ~had, had & ~has))
+        if added and removed:
+            return f"Added {added:,} and removed {removed:,}:"
+        if added or removed:
+            return f"Added {added:,}:" if added else f"Removed {removed:,}:"
     if len(after.cuts) > len(before.cuts):
         return "Cut:"
     if any(cut.spared.sum() > was.spared.sum() for cut, was in zip(after.cuts, before.cuts, strict=False)):

@@ -206,8 +206,9 @@ class MarkedObject:
         mask, result = self.selected.mask, self.result
         if result is None:
             return mask
-        rough = result.selection
-        return np.asarray((result.object_mask | (mask & ~rough)) & ~(rough & ~mask) & ~self.selected.excluded_mask)
+        rough, settled = result.selection, self.selected.settled
+        added = mask & ~rough if settled is None else mask & (~rough | settled.touched)
+        return np.asarray((result.object_mask | added) & ~(rough & ~mask) & ~self.selected.excluded_mask)
 
     @property
     def n_selected(self) -> int:

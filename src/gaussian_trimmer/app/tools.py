@@ -213,8 +213,7 @@ class Tools:
         stroke = Stroke(view, gesture.places, radius if sphere or gesture.tool == panels.BRUSH else None)
         through, by_centres = controls.reach.value == panels.THROUGH, sphere or controls.taking.value == panels.CENTRES
         rows, gaussians = np.flatnonzero(self._shown_rows()), self._shown()
-        cuts = False
-        showing = controls.showing
+        cuts, showing = False, controls.showing
         if now.object.fresh is not None and (showing.part, showing.when, showing.ghost) == ("Object", "Cut-out", False):
             rows, gaussians = now.object.fresh.objects[0].source_index, now.object.fresh.object
             cuts = effect == "remove" and not through and not by_centres
@@ -228,7 +227,9 @@ class Tools:
             raise InputError("Nothing that is shown is there; draw over what you see.")
         whole = np.setdiff1d(rows[taken], rows[~taken])  # all of its parts
         mask = mask_of_rows(whole, len(now.document.scene))
-        return self._mark(Rows.of(mask, gesture.tool.lower(), effect, stroke if cuts else None), gesture)
+        settled = now.object.result is not None and showing.when == "Cut-out"
+        cut = stroke if cuts else None
+        return self._mark(Rows.of(mask, gesture.tool.lower(), effect, cut, settled=settled), gesture)
 
     def _corner(self, view: Viewpoint, gesture: Gesture) -> str:
         self._corners.append(self._surface_point(view, gesture.places[0]))

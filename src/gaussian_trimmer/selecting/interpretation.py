@@ -44,7 +44,7 @@ from gaussian_trimmer.selecting.shapes import drawn_over, grown, inside_shape, s
 from gaussian_trimmer.selection_files import load_selection
 from gaussian_trimmer.surface.overview import drawn_part
 from gaussian_trimmer.surface.viewed_scene import Target, ViewedScene, look_at_pixel
-from gaussian_trimmer.trimming.arguments import StrokeCut
+from gaussian_trimmer.trimming.arguments import Settled, StrokeCut
 from gaussian_trimmer.views.view import HALF
 
 _BOX_TAKES_ALL = 0.9
@@ -95,6 +95,8 @@ class MarkInterpreter:
             raise InputError(
                 f"Mark {number} changes a selection, but nothing is selected before it; begin with others."
             )
+        if not (isinstance(mark, Rows) and mark.settled):
+            before = replace(before, settled=None)
         after, interpretation = self._applied(before, mark, number)
         if not isinstance(mark, Click):
             after = replace(after, other_sizes=(), before_click=None)
@@ -110,7 +112,12 @@ class MarkInterpreter:
                 name = "a 3D box" if isinstance(mark, Box3D) else "a sphere"
                 return state.combined(inside_shape(means, mark, self._up), mark.effect), name
             case Rows():
-                combined = state.combined(mark.mask(len(means)), mark.effect)
+                found = mark.mask(len(means))
+                combined = state.combined(found, mark.effect)
+                if mark.settled:
+                    was = state.settled or Settled(np.zeros_like(found), state.mask, state.excluded_mask)
+                    touched = was.touched | (~found if mark.effect == "intersect" else found)
+                    combined = replace(combined, settled=replace(was, touched=touched))
                 if mark.cut is not None:
                     cut = StrokeCut(*drawn_over(mark.cut), np.zeros(len(means), np.bool_))
                     combined = replace(combined, cuts=(*combined.cuts, cut))

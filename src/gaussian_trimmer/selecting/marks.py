@@ -144,16 +144,21 @@ class Rows:
     effect: Effect = "add"
     cut: Stroke | None = None
     """A stroke at whose edge a trim cuts what it crosses; what lies under it goes."""
+    settled: bool = False
+    """Whether it was drawn on a cut-out: a trim leaves these Gaussians where the mark puts them, and decides about all
+    others as if it had not been made. After a mark that was not, the trim decides about them, too."""
 
     @classmethod
-    def of(cls, mask: BoolArray, tool: str, effect: Effect = "add", cut: Stroke | None = None) -> Rows:
+    def of(
+        cls, mask: BoolArray, tool: str, effect: Effect = "add", cut: Stroke | None = None, *, settled: bool = False
+    ) -> Rows:
         """Return the mark of the rows in a mask, (N,).
 
         >>> Rows.of(np.array([True, False, False, True]), "lasso").runs
         '0 1 2 1'
         """
         ends = np.flatnonzero(np.diff(mask, prepend=False, append=not mask[-1]))
-        return cls(" ".join(map(str, np.diff(ends, prepend=0).tolist())), tool, effect, cut)
+        return cls(" ".join(map(str, np.diff(ends, prepend=0).tolist())), tool, effect, cut, settled)
 
     def mask(self, n: int) -> BoolArray:
         """Return which rows of a scene of n Gaussians are meant, (N,).

@@ -14,7 +14,7 @@ from gaussian_trimmer.io.writing import atomic_file, npy_bytes
 from gaussian_trimmer.selecting.marks import Effect, Marks, write_marks
 
 if TYPE_CHECKING:  # most selections are read from files, and need no kernels
-    from gaussian_trimmer.trimming.arguments import StrokeCut
+    from gaussian_trimmer.trimming.arguments import Settled, StrokeCut
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
@@ -49,6 +49,8 @@ class Selection:
     """What a trim does not take in, since marks removed it and none selected it again, (N,); None: nothing."""
     cuts: tuple[StrokeCut, ...] = ()
     """Strokes at which a trim cuts."""
+    settled: Settled | None = None
+    """What strokes on a cut-out have settled; None: nothing."""
     marks: Marks | None = None
     """The marks, with everything that their meaning depends on; None if it was not made by marks."""
     interpretations: tuple[str, ...] = ()

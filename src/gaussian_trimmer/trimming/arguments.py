@@ -34,6 +34,18 @@ class StrokeCut:
 
 
 @dataclass(frozen=True, eq=False)
+class Settled:
+    """What strokes on a cut-out have settled. N Gaussians of the scene."""
+
+    touched: BoolArray
+    """Those that stay where the strokes put them, (N,)."""
+    before: BoolArray
+    """What was selected before the strokes, (N,): the trim decides about all others as if nothing else were."""
+    excluded: BoolArray
+    """What marks had removed before them, (N,)."""
+
+
+@dataclass(frozen=True, eq=False)
 class RoughObject:
     """An object as it was selected."""
 
@@ -48,6 +60,20 @@ class RoughObject:
     """Strokes at which it is cut."""
     marked_from: tuple[Camera, ...] = ()
     """Cameras of the views in which it was marked, if that is known."""
+    settled: Settled | None = None
+    """What strokes on its cut-out have settled; None: nothing."""
+
+    @property
+    def undecided(self) -> RoughObject:
+        """The object without the strokes on its cut-out, about which a trim decides."""
+        if self.settled is None:
+            return self
+        return replace(self, rows=np.flatnonzero(self.settled.before), excluded=self.settled.excluded, settled=None)
+
+    @property
+    def touched(self) -> IntArray:
+        """Scene rows, ascending, that strokes on its cut-out have settled."""
+        return np.flatnonzero(self.settled.touched) if self.settled else np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -85,7 +111,8 @@ def set_up(
     check_gaussians(scene)
     check_magnitudes(scene)
     rough = visible_objects(rough_objects(objects, len(scene)), scene)
-    if len(rough) == 1 and len(rough[0].rows) + np.count_nonzero(scene.blank) == len(scene):  # it was captured alone
+    unusable = np.count_nonzero(scene.blank)
+    if len(rough) == 1 and len(rough[0].undecided.rows) + unusable == len(scene):  # it was captured alone
         scene = without_black_fringe(scene)
         rough = visible_objects(rough, scene)
     if masks is not None and len(rough) > 1:
@@ -194,6 +221,7 @@ def rough_objects(objects: Any, n: int) -> list[RoughObject]:
             mask_of_excluded(getattr(selection, "excluded", None), n),
             getattr(selection, "cuts", ()),
             getattr(selection, "marked_from", ()),
+            getattr(selection, "settled", None),
         )
         for place, (key, selection) in enumerate(objects.items(), 1)
     ]
@@ -206,7 +234,14 @@ def visible_objects(objects: Sequence[RoughObject], scene: Gaussians) -> list[Ro
         InputError: an object has no others.
     """
     usable = ~scene.blank
-    objects = [replace(part, rows=part.rows[usable[part.rows]]) for part in objects]
+    objects = [
+        replace(
+            part,
+            rows=part.rows[usable[part.rows]],
+            settled=part.settled and replace(part.settled, before=part.settled.before & usable),
+        )
+        for part in objects
+    ]
     if empty := [part.name for part in objects if not len(part.rows)]:
         raise InputError(f"What is selected of {empty[0]} has opacities of exactly zero, so nothing of it can be seen.")
     return list(objects)

@@ -81,12 +81,13 @@ def assemble_object(setup: Setup, owner: LabelArray, decision: Decision, number:
     rough, crop, not_fitted = decision.rough, decision.crop, None
     pieces, cut_off = _split(decision, setup.scene, decision.owned(owner, number))
     own = owner[crop.rows] == number
+    beside = ~own & ~setup.scene.blank[crop.rows] & ~np.isin(crop.rows, rough.touched)
     outline = decision.outline if setup.config.refine == "fit" else None
     if outline is not None and decision.cut is not None:
         around = concatenate([crop.local.select(~own), cut_off.gaussians])
         renders = outline.render(pieces.gaussians, around, colours=True)
         pieces, not_fitted = refine(pieces, renders, setup.config.refinement)
-    elif outline is not None and own.all():
+    elif outline is not None and not beside.any():
         not_fitted = "nothing lies around the object"
     elif outline is not None:
         pieces, not_fitted = refine(pieces, outline.render_part(crop.local, own, colours=True), setup.config.refinement)
@@ -111,7 +112,7 @@ def assemble_object(setup: Setup, owner: LabelArray, decision: Decision, number:
         views=decision.views,
         refused=decision.refused,
         warnings=decision.warnings,
-        floaters=len(rough.rows) - int(crop.selected.sum()) if decision.views else 0,
+        floaters=len(rough.undecided.rows) - int(crop.selected.sum()) if decision.views else 0,
         lost=int(np.count_nonzero(owner[decision.rows] != number)),
         fitted=np.flatnonzero(pieces.fitted),
         not_fitted=not_fitted,

@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import training_cameras
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, LabelArray, mask_of_rows
@@ -80,6 +81,27 @@ class Decision:
         """Return scene rows, ascending, of those that it gets, by the number of each Gaussian's object, (N,)."""
         return np.asarray(self.considered[owner[self.considered] == number])
 
+    def settled_by(self, rough: RoughObject) -> Decision:
+        """Return the same with what strokes on the object's cut-out put on the other side of the boundary."""
+        if self.members is None or rough.settled is None:
+            return replace(self, rough=rough)
+        rows = np.union1d(self.crop.rows, np.intersect1d(rough.touched, rough.rows))  # a stroke reaches anywhere
+        places, touched = np.searchsorted(rows, self.crop.rows), np.isin(rows, rough.touched)
+
+        def among_all(values: NDArray[Any]) -> NDArray[Any]:
+            spread = np.zeros(len(rows), values.dtype)
+            spread[places] = values
+            return spread
+
+        crop = self.crop
+        crop = replace(crop, rows=rows, selected=among_all(crop.selected), excluded=among_all(crop.excluded))
+        members = np.where(touched, np.isin(rows, rough.rows), among_all(self.members))
+        cut = self.cut and replace(self.cut, rows=places[self.cut.rows])
+        outline = self.outline and replace(self.outline, projected={})  # of the crop as it was
+        probability = None if self.probability is None else among_all(self.probability)
+        decided = replace(self, rough=rough, crop=crop, outline=outline, probability=probability)
+        return replace(decided, members=members, cut=cut and cut.select(members[cut.rows]))
+
     def without_pictures(self) -> Decision:
         """Return the same in little memory: neither Gaussians nor pixels are kept."""
         outline, views = self.outline and replace(self.outline, projected={}), tuple(map(without_pictures, self.views))
@@ -111,6 +133,10 @@ def decide_all(setup: Setup, rough: Sequence[RoughObject], clock: Clock) -> list
 
 def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
     """Decide which Gaussians belong to an object as if it were the only one."""
+    return _decide(setup, rough.undecided, clock).settled_by(rough)
+
+
+def _decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
     config = setup.config
     with clock("plan"):
         crop, up, warnings, wrong = _plan(setup, rough)
@@ -146,7 +172,7 @@ def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
 
 def look(setup: Setup, rough: RoughObject) -> tuple[list[View], Gaussians]:
     """Return the views of an object that masks are to be drawn in, none if it is refused, and what they show."""
-    crop, _, _, wrong = _plan(setup, rough)
+    crop, _, _, wrong = _plan(setup, rough.undecided)
     return [] if wrong else _look(setup, crop, Clock(lambda stage: None, log=None))[0], crop.shown
 
 
