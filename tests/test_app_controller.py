@@ -203,7 +203,7 @@ def test_a_correction_is_cut_out_again_as_one_step_and_undoing_it_cuts_nothing_o
     gesture(app, controls.BRUSH, (0.5, 0.45), (0.55, 0.45), effect="remove")
     assert session.now.object.n_selected < before.object.n_selected
     lost = before.object.mask & ~session.now.object.mask
-    assert np.array_equal(lost, session.now.object.selected.settled.touched & before.object.mask)  # and gained nothing
+    assert np.array_equal(lost, session.now.object.selected.settled.touched & before.object.mask)
     assert not (session.now.object.mask & ~before.object.mask).any()
     assert not (session.now.object.fresh.object_mask & session.now.object.selected.excluded).any()
     assert session.now.object.marks[-1].cut is not None and session.now.object.selected.cuts

@@ -222,6 +222,9 @@ def test_a_stroke_on_a_cut_out_changes_only_what_it_touches(session, effect):
     session.do(edits.trim_object, DEFAULT, joined=True, again=True)
     ours, other = (part.fresh for part in session.now.objects)
     assert np.array_equal(ours.object_mask, expected)
+    for name, values in first.object.select(~touched[first.objects[0].source_index]).to_arrays().items():
+        if effect == "remove":  # the others are as they were fitted before
+            assert np.array_equal(values, ours.object.to_arrays()[name]), name
     given = select(scene, replace(session.now.basis, marks=session.now.object.marks))
     theirs = gt.trim_objects(scene, {1: given}, cameras=session.document.cameras)
     assert ours.object.means.tobytes() == theirs.object.means.tobytes()

@@ -32,12 +32,12 @@ def under(gaussians, mask=None):
 def cut_up(gaussians, pieces, spared):
     """What is left of Gaussians, of which some are pieces, and what is cut off."""
     whole = Pieces.of(gaussians, np.arange(len(gaussians)))
-    return cut_at_stroke(replace(whole, part=np.array(pieces)), cut(spared))
+    return cut_at_stroke(replace(whole, part=np.array(pieces)), cut(spared), gaussians.select(slice(0)))
 
 
 def cut(spared):
     mask = np.tile(np.arange(CAMERA.width) < 0.47 * CAMERA.width, (CAMERA.height, 1))
-    return StrokeCut(CAMERA, mask, np.array(spared))
+    return StrokeCut(CAMERA, mask, np.array(spared), np.zeros(len(spared), np.bool_))
 
 
 def test_what_crosses_the_edge_of_a_stroke_is_split_there_and_nothing_is_lost():

@@ -119,7 +119,7 @@ class MarkInterpreter:
                     touched = was.touched | (~found if mark.effect == "intersect" else found)
                     combined = replace(combined, settled=replace(was, touched=touched))
                 if mark.cut is not None:
-                    cut = StrokeCut(*drawn_over(mark.cut), np.zeros(len(means), np.bool_))
+                    cut = StrokeCut(*drawn_over(mark.cut), np.zeros_like(found), found)
                     combined = replace(combined, cuts=(*combined.cuts, cut))
                 return combined, mark.tool
             case FromFile():

@@ -31,6 +31,8 @@ class StrokeCut:
     """Pixels under the stroke, (H, W)."""
     spared: BoolArray
     """What was selected again after it, (N,)."""
+    taken: BoolArray
+    """What it takes away whole, (N,): what that hides is not under the stroke."""
 
 
 @dataclass(frozen=True, eq=False)

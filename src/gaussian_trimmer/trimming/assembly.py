@@ -78,10 +78,12 @@ def assemble_object(setup: Setup, owner: LabelArray, decision: Decision, number:
         decision: what belongs to the object.
         number: its number in `owner`.
     """
-    rough, crop, not_fitted = decision.rough, decision.crop, None
-    pieces, cut_off = _split(decision, setup.scene, decision.owned(owner, number))
-    own = owner[crop.rows] == number
-    beside = ~own & ~setup.scene.blank[crop.rows] & ~np.isin(crop.rows, rough.touched)
+    rough, crop, rows, not_fitted = decision.rough, decision.crop, decision.considered, None
+    finally_own = own = owner[rows] == number
+    if decision.before_strokes is not None:
+        own = np.where(np.isin(rows, rough.touched), decision.before_strokes, own)
+    pieces, cut_off = _split(decision, setup.scene, rows[own])
+    beside = ~own & ~setup.scene.blank[rows]
     outline = decision.outline if setup.config.refine == "fit" else None
     if outline is not None and decision.cut is not None:
         around = concatenate([crop.local.select(~own), cut_off.gaussians])
@@ -91,10 +93,17 @@ def assemble_object(setup: Setup, owner: LabelArray, decision: Decision, number:
         not_fitted = "nothing lies around the object"
     elif outline is not None:
         pieces, not_fitted = refine(pieces, outline.render_part(crop.local, own, colours=True), setup.config.refinement)
+    taken, added = (np.isin(pieces.source, rows[own & ~finally_own]), rows[finally_own & ~own])
+    pieces, gone = pieces.select(np.flatnonzero(~taken)), pieces.select(np.flatnonzero(taken))
+    cut_off = cut_off.select(np.flatnonzero(~np.isin(cut_off.source, gone.source)))
+    if len(added):
+        pieces = pieces.followed_by(Pieces.of(setup.scene.select(added), added))
+        pieces = pieces.select(np.lexsort((np.where(pieces.part, 0, pieces.source), pieces.part)))
     for cut in rough.cuts:
         from gaussian_trimmer.trimming.straddlers import cut_at_stroke  # late, since hardly anybody draws a stroke
 
-        pieces, fallen = cut_at_stroke(pieces, cut)
+        hiding = gone.gaussians.select(np.flatnonzero(cut.taken[gone.source]))
+        pieces, fallen = cut_at_stroke(pieces, cut, hiding)
         cut_off = cut_off.followed_by(fallen)
     unsplit = np.where(np.isin(pieces.source, rough.rows), RowLabel.KEPT, RowLabel.ADDED)
     if decision.refused:

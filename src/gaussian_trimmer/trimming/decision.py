@@ -53,6 +53,8 @@ class Decision:
     """Small views of the object; None if it is left as it was."""
     members: BoolArray | None = None
     """Which Gaussians of the crop belong to it, whole or in part, (L,); None if the selection is left as it was."""
+    before_strokes: BoolArray | None = None
+    """Which did before strokes on its cut-out settled some, (L,); None if none did."""
     cut: CutGaussians | None = None
     """Those that belong to it in part; None if there are none."""
     probability: FloatArray | None = None
@@ -100,7 +102,7 @@ class Decision:
         outline = self.outline and replace(self.outline, projected={})  # of the crop as it was
         probability = None if self.probability is None else among_all(self.probability)
         decided = replace(self, rough=rough, crop=crop, outline=outline, probability=probability)
-        return replace(decided, members=members, cut=cut and cut.select(members[cut.rows]))
+        return replace(decided, members=members, before_strokes=among_all(self.members), cut=cut)
 
     def without_pictures(self) -> Decision:
         """Return the same in little memory: neither Gaussians nor pixels are kept."""

@@ -13,15 +13,15 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.graphs import distance_to_outside
 from gaussian_trimmer.geometry.split import SPLIT_RULES, split_plane
 from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.rendering import blend_weights, top_contributors
+from gaussian_trimmer.rendering import blend_weights, render, top_contributors
 from gaussian_trimmer.trimming.arguments import StrokeCut
 from gaussian_trimmer.trimming.config import BoundaryConfig, SplitConfig
 from gaussian_trimmer.trimming.refinement import Pieces
-from gaussian_trimmer.views.view import TrimmedView
+from gaussian_trimmer.views.view import HALF, TrimmedView
 
 _MAX_OFFSET = 3.0
 """Distance of a plane from the centre, in standard deviations along its normal, from which it cuts nothing off."""
@@ -183,22 +183,26 @@ def _tangent_planes(means: Float64Array, camera: Camera, mask: BoolArray) -> tup
     return normals, np.where(slope[:, 0] > _MIN_SLOPE, distances, np.nan)
 
 
-def cut_at_stroke(pieces: Pieces, cut: StrokeCut) -> tuple[Pieces, Pieces]:
+def cut_at_stroke(pieces: Pieces, cut: StrokeCut, taken: Gaussians) -> tuple[Pieces, Pieces]:
     """Cut an object, seen alone, at a stroke: what crosses both of its edges, or shows under what was cut, in rounds.
 
     Parts and fitted Gaussians under the stroke go. Other whole ones there are not the object's, or were selected again.
+    What lies deeper below the surface than the stroke is wide stays.
 
     Args:
         pieces: the object.
         cut: the stroke.
+        taken: what it took away whole before, which hides what lies behind.
 
     Returns:
         The object, with the Gaussians that were cut after all others, and what was cut off.
     """
     inner, off = pieces, pieces.select(np.zeros(0, np.int64))
     for _ in range(_STROKE_ROUNDS):
-        beside, under = blend_weights(inner.gaussians, cut.camera, cut.mask.astype(np.uint8), 2).T
+        shown = concatenate([inner.gaussians, taken])
+        beside, under = blend_weights(shown, cut.camera, cut.mask.astype(np.uint8), 2)[: len(inner.source)].T
         crossing = ~cut.spared[inner.source] & (under > _LEAST_SHARE_UNDER * (under + beside))
+        crossing &= ~_is_deeper(shown, cut)[: len(inner.source)]
         found = straddlers_in_view(inner.gaussians, crossing, cut.camera, ~cut.mask, BoundaryConfig())
         gone = crossing & (inner.part | inner.fitted) & (under > beside)
         gone[found.rows] = False
@@ -209,3 +213,16 @@ def cut_at_stroke(pieces: Pieces, cut: StrokeCut) -> tuple[Pieces, Pieces]:
         off = off.followed_by(inner.select(np.flatnonzero(gone))).followed_by(split.parts(outside))
         inner = inner.select(np.flatnonzero(kept)).followed_by(split.parts(inside))
     return inner, off
+
+
+def _is_deeper(gaussians: Gaussians, cut: StrokeCut) -> BoolArray:
+    """Return which centres lie deeper below what a stroke's view shows than half the stroke's width, (M,)."""
+    picture = render(gaussians, cut.camera)
+    surface = np.where(picture.alpha > HALF, picture.depth, np.inf)
+    pixels, depths = cut.camera.project(gaussians.means.astype(np.float64))
+    inside = cut.camera.contains(pixels)
+    x, y = pixels[inside].astype(np.int64).T
+    deeper = np.zeros(len(gaussians), np.bool_)
+    reach = distance_to_outside(cut.mask).max() / cut.camera.K[0, 0]
+    deeper[inside] = depths[inside] > surface[y, x] * (1 + reach)
+    return deeper
