@@ -54,6 +54,23 @@ def test_what_is_made_up_turns_with_the_scene(turn):
     )
 
 
+def test_what_was_pruned_leaves_where_it_lies_among_the_object_and_stays_where_it_lies_among_others():
+    pruned_of_ball, pruned_of_floor = TRUTH & (SCENE.means[:, 2] > 1.7), ~TRUTH & (SCENE.means[:, 0] > 2.6)
+    assert pruned_of_ball.sum() > 20
+    assert pruned_of_floor.sum() > 20
+    alone = np.zeros_like(TRUTH)
+    alone[np.flatnonzero(pruned_of_floor)[::7]] = True
+    truth = TRUTH & ~pruned_of_ball
+    target = SCENE.select(truth)
+    bounds = robust_bounds(target, own_frame(target, toy.UP))
+    for pruned, stays in ((None, pruned_of_ball), (pruned_of_ball | alone, alone)):
+        views = RemovalViews(SCENE, truth, truth, bounds, views_of_place(bounds, 96), pruned=pruned)
+        removal = remove(views, fill=False)
+        assert not removal.discarded[stays].all()
+        assert removal.discarded[pruned_of_ball].all() == (pruned is not None)
+    assert not removal.discarded[alone].any()
+
+
 OBJECTS = "fern", "lighthouse", "mug", "robot"
 
 

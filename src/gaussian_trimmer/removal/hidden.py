@@ -7,7 +7,8 @@ side and height; and it lies where the object was. Below the object, where what 
 colours that are not seen around it count.
 
 Fragments are visible pieces of the object's own skin. Nearly all that is near a fragment belongs to the object, so the
-fragment goes with it.
+fragment goes with it. So does what was pruned from the object since it would stick out of it, such as the back of a
+bookcase, unless most of what is near it stays: then its label was wrong, and it is the wall's.
 
 What is above the surfaces around an object hangs together with them, or with what lies farther away. A piece that hangs
 together with nothing but the object loses its hold with it. A small one within the object's bounds is a remnant of it,
@@ -20,10 +21,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, IntArray, ellipsoid_points
+from gaussian_trimmer.gaussians import (
+    SH_C0,
+    BoolArray,
+    Float64Array,
+    FloatArray,
+    IntArray,
+    ellipsoid_points,
+    mask_of_rows,
+)
 from gaussian_trimmer.geometry.graphs import connected_pairs, nearest
 from gaussian_trimmer.removal.views import THICKNESS_RADII, RemovalViews, Surface, above_all
-from gaussian_trimmer.views.view import TOUCHING_RADII
+from gaussian_trimmer.views.view import HALF, TOUCHING_RADII
 
 _MAX_ROUNDS = 3
 """What the interior itself has hidden shows when it is gone, and may be interior as well."""
@@ -80,7 +89,7 @@ def find_hidden(views: RemovalViews, surfaces: Sequence[Surface]) -> tuple[BoolA
         if not found.any():
             break
         interior |= found
-    return interior | _find_fragments(views, interior, within & above), unoccluded
+    return interior | _find_fragments(views, interior, within & above) | _find_pruned(views, interior), unoccluded
 
 
 def _where_the_object_was(views: RemovalViews, surfaces: Sequence[Surface]) -> tuple[BoolArray, BoolArray]:
@@ -109,18 +118,33 @@ def _foreign_colours(views: RemovalViews) -> BoolArray:
 
 def _find_fragments(views: RemovalViews, interior: BoolArray, there: BoolArray) -> BoolArray:
     """Return the visible pieces of the object among the background, (N,)."""
-    total, means = views.total_visible, views.gaussians.means
+    total = views.total_visible
     possible = np.flatnonzero(there & ~interior & (total > 0) & (views.visible[:, 1] >= _FRAGMENT_SHARE * total))
     fragments = np.zeros(len(interior), np.bool_)
-    if not len(possible):
-        return fragments
-    _, near = nearest(means, means[possible], min(_FRAGMENT_NEIGHBOURS + 1, len(means)))
-    others = near != possible[:, None]
-    ours = ((views.of_object | interior)[near] & others).sum(axis=1) >= _FRAGMENT_SHARE * others.sum(axis=1)
+    ours = _share_of_neighbours(views, views.of_object | interior, possible) >= _FRAGMENT_SHARE
     rows = possible[ours]
     rows = rows[np.argsort(total[rows], kind="stable")]
     fragments[rows[np.cumsum(total[rows]) <= _MAX_FRAGMENT_WEIGHT_SHARE * total[views.of_object].sum()]] = True
     return fragments
+
+
+def _find_pruned(views: RemovalViews, interior: BoolArray) -> BoolArray:
+    """Return what was pruned from the object and lies among what is its own or was pruned, too, (N,)."""
+    if views.pruned is None:
+        return np.zeros_like(interior)
+    pruned = views.pruned & ~views.removed
+    own = _share_of_neighbours(views, views.of_object | interior | pruned, np.flatnonzero(pruned)) > HALF
+    return mask_of_rows(np.flatnonzero(pruned)[own], len(pruned))
+
+
+def _share_of_neighbours(views: RemovalViews, counted: BoolArray, rows: IntArray) -> Float64Array:
+    """Return the share of the Gaussians nearest to some, by their rows (R,), that is counted, (R,)."""
+    means = views.gaussians.means
+    if not len(rows):
+        return np.zeros(0)
+    _, near = nearest(means, means[rows], min(_FRAGMENT_NEIGHBOURS + 1, len(means)))
+    others = near != rows[:, None]
+    return np.asarray((counted[near] & others).sum(axis=1) / others.sum(axis=1))
 
 
 def find_hanging(

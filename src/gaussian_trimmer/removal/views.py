@@ -92,6 +92,8 @@ class RemovalViews:
     """Views from where the object was seen, for what no surface explains."""
     beyond: Callable[[Sequence[Camera]], Gaussians] | None = None
     """Returns what cameras show of the rest of the scene; None if there is no rest."""
+    pruned: BoolArray | None = None
+    """Gaussians that are selected and labelled as the object's, but stick out of it when it is alone, (N,)."""
     projected: dict[int, Projection] = field(default_factory=dict)
     """Everything in the views of some cameras, by these: which of it is the object makes no difference."""
     counted: dict[tuple[Surface, ...], list[IntArray]] = field(default_factory=dict, init=False)
@@ -179,6 +181,7 @@ def views_around(
     up: Float64Array,
     cameras: Sequence[Camera],
     size: int,
+    pruned: BoolArray,
 ) -> RemovalViews:
     """Return small views of an object and of what is around it.
 
@@ -191,6 +194,7 @@ def views_around(
         up: the up vector, (3,).
         cameras: views from where the object was seen.
         size: width and height of the views in pixels.
+        pruned: those of the N that were pruned from the object, (N,).
     """
     of_object = owner[rows] == number
     target = gaussians.select(of_object)
@@ -203,7 +207,7 @@ def views_around(
         shown[rows] = False
         return scene.select(shown)
 
-    return RemovalViews(gaussians, of_object, owner[rows] > 0, bounds, around, above, observing, beyond)
+    return RemovalViews(gaussians, of_object, owner[rows] > 0, bounds, around, above, observing, beyond, pruned)
 
 
 def points_at(camera: Camera, depth: FloatArray | Float64Array) -> Float64Array:
