@@ -37,6 +37,12 @@ BODIES = {
     "as another error": """
         try: signal.raise_signal(int(sys.argv[1]))
         except BaseException: raise InputError('PyTorch is missing.')""",
+    "in a finalizer, which swallows it": """
+        class Finalized:
+            def __del__(self): signal.raise_signal(int(sys.argv[1]))
+        Finalized()
+        import time
+        time.sleep(60)""",
 }
 
 

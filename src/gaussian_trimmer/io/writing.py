@@ -7,6 +7,8 @@ import io
 import json
 import os
 import signal
+import sys
+import threading
 import time
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
 HIDDEN_PREFIX = ".gaussian-trimmer"
 """Of the names that things have until they are whole."""
 _SECONDS_UNTIL_LEFT_OVER = 24 * 3600.0
+_SECONDS_UNTIL_RAISED_AGAIN = 0.05
 _LONGEST = 150
 """Bytes; file systems allow 255, of which endings take some."""
 _DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{number}" for port in ("com", "lpt") for number in range(10))}
@@ -45,18 +48,32 @@ def stop_signals_raised() -> Iterator[list[int]]:
 
     Whoever finds a signal in the list knows that an error of any type may be the interruption: amid an import it often
     ends in another one. Signals that are ignored, as under `nohup`, or handled by someone else stay so, and outside the
-    main thread nothing changes.
+    main thread nothing changes. Finalizers, and callbacks of libraries in C, swallow what is raised in them: it is then
+    raised again.
     """
     global _written
     received: list[int] = []
-    before = {}
+    before, report = {}, sys.unraisablehook
     _written = {}
 
     def stop(number: int, frame: object) -> None:
         received.append(number)
         raise Stopped(number)
 
+    def raise_again(swallowed: sys.UnraisableHookArgs) -> None:
+        if isinstance(swallowed.exc_value, Stopped):
+            threading.Timer(_SECONDS_UNTIL_RAISED_AGAIN, interrupt, swallowed.exc_value.args[:1]).start()
+        else:
+            report(swallowed)
+
+    def interrupt(number: int) -> None:
+        main = threading.main_thread().ident
+        if main is not None and _written is not None:  # else the command has ended
+            signal.pthread_kill(main, number)  # also wakes it if it sleeps
+
     try:
+        if hasattr(signal, "pthread_kill"):  # not on Windows
+            sys.unraisablehook = raise_again
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
             number = getattr(signal, name, None)  # Windows has no SIGHUP
             if number and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
@@ -64,7 +81,7 @@ def stop_signals_raised() -> Iterator[list[int]]:
                     before[number] = signal.signal(number, stop)
         yield received
     finally:
-        _written = None
+        _written, sys.unraisablehook = None, report
         for number, handler in before.items():
             signal.signal(number, handler)
 
