@@ -6,5 +6,10 @@
 #SBATCH --mem=32G
 # Tasks that are killed or run out of time lose nothing that is finished: submit the same line again.
 set -euo pipefail
-python -m gaussian_trimmer batch "$1" --output "$2" --shard "$SLURM_ARRAY_TASK_ID/$SLURM_ARRAY_TASK_COUNT" \
-    --workers "$SLURM_CPUS_PER_TASK"
+manifest=$1 output=$2
+
+# The first trim compiles kernels; the others find them here.
+export NUMBA_CACHE_DIR="${NUMBA_CACHE_DIR:-$HOME/.cache/gaussian-trimmer}"
+
+python -m gaussian_trimmer batch "$manifest" --output "$output" \
+    --shard "$SLURM_ARRAY_TASK_ID/$SLURM_ARRAY_TASK_COUNT" --workers "$SLURM_CPUS_PER_TASK"

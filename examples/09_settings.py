@@ -7,6 +7,7 @@ scene = gt.read(sample.SCENE)
 rough = gt.read_selection(sample.SELECTION, scene)
 cameras = gt.read_cameras(sample.CAMERAS)
 
+print("without a setting:", gt.TrimConfig().background)
 for background in ("exact", "clean", "filled"):
     config = gt.TrimConfig.of({"background": background, "refine": "off", "plan.size": 256})
     result = gt.trim(scene, rough, cameras=cameras, config=config)

@@ -87,7 +87,7 @@ def test_views_count_that_have_a_photograph_and_those_that_show_the_object(folde
     assert [row["view"] for row in table["rows"]] == ["0.png", "1.png", "mean"]
     shown, hidden, mean = table["rows"]
     assert hidden["IoU (%)"] is None and mean["IoU (%)"] == shown["IoU (%)"] > 90
-    assert any("1 of these views show nothing" in note for note in table["notes"])
+    assert any("show nothing of the object, which count for the accuracy alone: 1" in note for note in table["notes"])
 
 
 def test_an_object_of_no_known_rows_is_measured_alone(folder, capsys):

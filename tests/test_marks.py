@@ -133,7 +133,7 @@ def test_a_click_moves_the_boundary_where_a_part_is_wrong():
     whole = Sphere((0.0, 0.0, 1.0), 1.1, effect="add")
     lower = Box3D((-99, -99, 0.1), (99, 99, 99), effect="intersect")
     red = gt.select(scene, [whole, lower, Click(*middle(camera, point), camera, "remove")], up=toy.UP)
-    assert red.interpretations[-1].startswith("the region around the click")
+    assert red.interpretations[-1].startswith("the boundary moved around the click")
     assert toy.jaccard(red.mask, selected(whole, lower).mask & ~blue) > 0.9
     with pytest.raises(InputError, match="not selected"):
         gt.select(scene, [*red.marks.marks, Click(*middle(camera, point), camera, "remove")], up=toy.UP)

@@ -143,6 +143,7 @@ def test_normals_and_extras_may_be_anything(tmp_path: Path) -> None:
 HEADER = "ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{properties}end_header\n"
 ASCII = HEADER.replace("binary_little_endian", "ascii")
 PROPERTIES = "".join(f"property float {name}\n" for name in NAMES)
+POSITIONS = "".join(f"property float {name}\n" for name in "xyz")
 
 
 @pytest.mark.parametrize(
@@ -157,6 +158,7 @@ PROPERTIES = "".join(f"property float {name}\n" for name in NAMES)
         (HEADER.format(count=10**15, properties=PROPERTIES).encode() + bytes(56), "truncated"),
         (HEADER.format(count=2, properties=PROPERTIES).encode() + bytes(100), "truncated"),
         (HEADER.format(count=1, properties="property float x\n").encode() + bytes(4), "lack y, z, f_dc_0"),
+        (HEADER.format(count=1, properties=POSITIONS).encode() + bytes(12), "rot_3. It holds a point cloud or a mesh"),
         (HEADER.format(count=1, properties=PROPERTIES + "property float x\n").encode() + bytes(60), "twice"),
         (HEADER.format(count=1, properties=PROPERTIES + "element vertex 1\n").encode(), "two elements"),
         (HEADER.format(count=1, properties=PROPERTIES + "property float f_rest_0\n").encode() + bytes(60), "f_rest"),

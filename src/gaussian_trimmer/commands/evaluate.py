@@ -215,7 +215,7 @@ def _measure(arguments: Namespace) -> Findings:
     what = "mask and a picture" if arguments.images else "mask"
     notes = [judge.describe(), _views(found, cameras, what) + _ignored(arguments), MADE_BY]
     if hidden:
-        notes.append(f"{hidden} of these views show nothing of the object and count for the accuracy alone")
+        notes.append(f"views that show nothing of the object, which count for the accuracy alone: {hidden}")
     if result.unknown:
         notes.append(f"without scores in scene and fidelity, which need the background: {result.unknown}")
     of_rules = {rule: [f"iou{ending}"] for rule, ending in RULES.items() if f"iou{ending}" in rows[-1][2]}

@@ -139,12 +139,16 @@ def _print_found(console: Console, found: FoundObjects, names: dict[int, str], f
         console.print(f"object {one.id}{called}: {one.gaussians:,} Gaussians, {in_lengths(one.size)}, {one.why}")
     rest, sure = len(found) - min(len(listed), _MOST_LISTED), sum(one.sure for one in found)
     if rest:
-        too = f"{_MOST_LISTED + 1} to {sure} are sure, too; " if sure > _MOST_LISTED else ""
-        unsure = f"{sure + 1} to {len(found)} are not sure; " if 0 < sure < len(found) else ""
-        console.print(f"Of {rest} more, {too}{unsure}{folder / 'objects.csv'} lists them, plan.png has the numbers.")
+        more = [f"{_numbers(_MOST_LISTED + 1, sure)} sure, too."] if sure > _MOST_LISTED else []
+        more += [f"{_numbers(sure + 1, len(found))} not sure."] if sure < len(found) else []
+        console.print(" ".join([*more, f"{folder / 'objects.csv'} lists all, plan.png has their numbers."]))
     if not found.up.is_sure:
         direction = " ".join(f"{value + 0.0:.3f}" for value in found.up.direction)
         console.print(f"Nothing is sure while up is a guess; if it is right, say so: --up {direction}")
+
+
+def _numbers(first: int, last: int) -> str:
+    return f"Object {first} is" if first == last else f"Objects {first} to {last} are"
 
 
 def _named(texts: tuple[str, ...]) -> dict[int, str]:

@@ -89,6 +89,8 @@ def read(path: Path) -> Gaussians:
     required = [*_POSITION_NAMES, *_DC_NAMES, "opacity", *scales, *_ROTATION_NAMES]
     if missing := [name for name in required if name not in names]:
         hint = next((f" {hint}" for name, hint in _RELATIVES.items() if name in names), "")
+        if len(missing) == len(required) - len(_POSITION_NAMES):
+            hint = hint or " It holds a point cloud or a mesh: export the Gaussian splat instead."
         raise InputError(f"'{path}' is not a splat PLY: its vertices lack {', '.join(missing)}.{hint}")
     rest = [name for name in names if re.fullmatch(r"f_rest_\d+", name)]
     numbered = [f"f_rest_{i}" for i in range(len(rest))]

@@ -100,7 +100,7 @@ def sentences(report: Mapping[str, Any]) -> list[str]:
     if counts["refused"] == counts["objects"]:
         return [*map(_of_object, report["objects"]), "Not written, since nothing was trimmed."]
     said = [f"{counts['background']:,} Gaussians"]
-    said += [f"{counts['hidden']:,} that only objects hid discarded"] if counts["hidden"] else []
+    said += [f"{counts['hidden']:,} discarded that only objects hid"] if counts["hidden"] else []
     said += [f"{counts['unusable']:,} unusable or in a black fringe left out"] if counts["unusable"] else []
     said += [f"{counts['filled']:,} new ones where objects stood"] if counts["filled"] else []
     said += [f"shadow removed from {counts['relit']:,}"] if counts["relit"] else []

@@ -56,7 +56,7 @@ INTERPRETATIONS = {
     "around": "the region around the click, as nothing there stands on a surface; a --box around it may do better",
     "colour": "what goes on from there in a colour like it",
     "size": "the next larger or smaller thing there, as the click was made again",
-    "region": "the region around the click, by which the boundary moved",
+    "region": "the boundary moved around the click",
     "frame": "all that is selected in the box",
 }
 """How marks in views are understood."""

@@ -216,8 +216,8 @@ def _sight_warning(crop: SceneCrop) -> str | None:
         return None
     best = np.degrees(crop.chosen.yaws[0]) % 360
     return (
-        f"Only {crop.chosen.free} of the directions that were tried show half of the object, best of all that at "
-        f"{best:.0f} degrees: look at its other sides."
+        f"{f'Only {crop.chosen.free}' if crop.chosen.free else 'None'} of the directions that were tried show half of "
+        f"the object; the best is at {best:.0f} degrees. Look at its other sides."
     )
 
 
