@@ -59,7 +59,7 @@ def main() -> None:
         _draw_report(Path(folder) / "demo")
     _draw_found()
     _draw_emptied()
-    _draw_clicked("robot", str(ROBOT), 5, (335, 290))
+    _draw_clicked("robot", str(ROBOT), 4, (320, 270))
     for seal in sys.argv[1:]:
         _draw_clicked("seal", seal, 4, (310, 340))
     app_pictures.main()
