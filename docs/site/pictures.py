@@ -81,7 +81,7 @@ def _draw_clicked(name: str, capture: str, view: int, pixel: tuple[int, int]) ->
     """Click on an object of a file that others made, and trim it."""
     with tempfile.TemporaryDirectory() as folder:
         where = ["--view-index", str(view), "--click", *map(str, pixel)]
-        trim = ["--output", f"{folder}/{name}.npy", "--trim", f"{folder}/{name}", "--quiet"]
+        trim = ["--output", f"{folder}/{name}.npy", "--trim", f"{folder}/{name}", "--format", "ply", "--quiet"]
         assert run(["select", capture, *where, *trim]) == 0
         up = json.loads((Path(folder) / name / "report.json").read_text())["objects"][0]["up"]["direction"]
         plan = PlanConfig(views=1, size=CELL, fill=0.5, yaw_range_degrees=(170, 190))
