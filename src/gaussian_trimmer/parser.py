@@ -50,7 +50,7 @@ class Option(argparse.Action):
             more.setdefault("default", ())
         super().__init__(option_strings, dest, metavar=metavar or (UP if kind is UP else metavar_of(kind)), **more)
         if self.default not in (None, False, (), argparse.SUPPRESS) and self.help:
-            self.help += f" (default: {'yes; --no-' + dest if self.default is True else self.default})"
+            self.help += f" (default: {'yes' if self.default is True else self.default})"
 
     @property
     def spelling(self) -> str:
@@ -289,8 +289,10 @@ class _Formatter(argparse.RawDescriptionHelpFormatter):
         return str(action.metavar)
 
     def _format_action_invocation(self, action: argparse.Action) -> str:
-        if not action.option_strings or action.nargs == 0:
-            return action.option_strings[action.default is True] if action.option_strings else str(action.metavar)
+        if not action.option_strings:
+            return str(action.metavar)
+        if action.nargs == 0:
+            return f"--[no-]{action.option_strings[0][2:]}" if action.default is True else action.option_strings[0]
         return f"{action.option_strings[0]} {action.metavar}"
 
 
