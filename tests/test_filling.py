@@ -8,10 +8,12 @@ import toy
 from gaussian_trimmer import formats
 from gaussian_trimmer.evaluation.scoring import read_result
 from gaussian_trimmer.gaussians import SH_C0, concatenate
+from gaussian_trimmer.geometry.bounds import own_frame, robust_bounds
 from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.output.saving import save
-from gaussian_trimmer.removal.gaps import continued
+from gaussian_trimmer.removal.gaps import close_gaps, continued
 from gaussian_trimmer.removal.remove import CLOSED
+from gaussian_trimmer.removal.views import RemovalViews
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
@@ -122,6 +124,19 @@ def test_a_hole_in_what_is_not_flat_is_closed_between_what_is_seen():
         middle = render(ball, camera).alpha > 0.9
         assert unfilled[middle].mean() < 0.6 and after[middle].mean() > 0.8
         assert np.abs(after - before)[render(ball, camera).alpha < 0.1].mean() < 0.01
+
+
+@pytest.mark.parametrize(("places", "closed"), [(((0.5, -5), (-0.5, -5)), True), (((-5, 0), (5, 0)), False)])
+def test_a_gap_far_behind_is_closed_only_if_most_views_see_it_hidden_by_the_object(places, closed):
+    ball = SCENE.select(TRUTH)
+    across, up = (part.ravel() for part in np.meshgrid(np.linspace(-4, 4, 80), np.linspace(-3, 5, 80)))
+    there = np.hypot(across, up - 1) > 1.6  # 5 behind the ball, as through a window of which one view looks out
+    far = toy.gaussians(np.column_stack([across, np.full_like(across, 5), up])[there], 0.09, toy.WHITE)
+    scene, truth = concatenate([ball, far]), np.arange(len(ball) + np.count_nonzero(there)) < len(ball)
+    cameras = [toy.camera_at((*place, 1)) for place in ((0, -5), *places)]
+    bounds = robust_bounds(ball, own_frame(ball, toy.UP))
+    views = RemovalViews(scene, truth, truth, bounds, [], observing=cameras)
+    assert (len(close_gaps(views, far)) > 100) == closed
 
 
 def test_the_middle_of_a_frame_is_harmonic():

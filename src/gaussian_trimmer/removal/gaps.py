@@ -3,7 +3,8 @@
 Seen from where the object was, a gap is a part of its silhouette in which the scene without it shows nothing, although
 something is seen on both sides of it, and more of its rim is seen than ends. There colour goes on as in a picture, and
 inverse depth as a soap film does (the harmonic function of its rim). What was hidden lies behind the object, and in no
-view before what is seen beside it. One view closes after the other what those before it left open.
+view before what is seen beside it; and most views see it hidden by the object. One view closes after the other what
+those before it left open.
 """
 
 from __future__ import annotations
@@ -101,10 +102,10 @@ def close_gaps(views: RemovalViews, background: Gaussians) -> Gaussians:
         hole, known = sight.gap(views.bounds.radius) if sight.open.any() else (sight.open, sight.open)
         if hole.any() and known.any():
             found, gap = _continued(sight, hole, known, target)
-            past = _contradicted(found.means, sights)
-            # A gap that views mostly see past is none: what they do not happen to see past would hang in the air.
-            wrong = np.bincount(gap, past) > HALF * np.bincount(gap)
-            new = concatenate([new, found.select(~(past | wrong[gap]))])
+            elsewhere = _not_behind(found.means, sights)
+            # A gap most of which the object did not hide is none: the rest of it would hang in the air.
+            wrong = np.bincount(gap, elsewhere) > HALF * np.bincount(gap)
+            new = concatenate([new, found.select(~(elsewhere | wrong[gap]))])
     return new
 
 
@@ -140,16 +141,21 @@ def _continued(sight: _Behind, hole: BoolArray, known: BoolArray, target: Gaussi
     return made_up(points_at(camera, depth)[hole], widths, turn, colour, rest), gaps[hole].astype(np.int64)
 
 
-def _contradicted(means: FloatArray, sights: Sequence[_Behind]) -> BoolArray:
-    """Return which points (N, 3) some view sees past, beside the object, (N,)."""
-    past = np.zeros(len(means), np.bool_)
+def _not_behind(means: FloatArray, sights: Sequence[_Behind]) -> BoolArray:
+    """Return which points (N, 3) are not what the object hid, (N,).
+
+    Some view sees past them, beside the object, or the object does not hide them in most views: what one view shows
+    through a window, far behind the object, is nothing that the object could have hidden from all of them.
+    """
+    past, hiding = np.zeros(len(means), np.bool_), np.zeros(len(means), np.int64)
     for sight in sights:
         pixels, depths = sight.camera.project(means.astype(np.float64))
         rows = np.flatnonzero(sight.camera.contains(pixels))
         x, y = pixels[rows].astype(np.int64).T
-        beside = ~grown(sight.silhouette, _RIM_PIXELS + 1)[y, x]
-        past[rows] |= beside & (~sight.seen[y, x] | (depths[rows] < _SAME_DEPTH * sight.rest.depth[y, x]))
-    return past
+        behind = grown(sight.silhouette, _RIM_PIXELS + 1)[y, x]
+        hiding[rows] += behind
+        past[rows] |= ~behind & (~sight.seen[y, x] | (depths[rows] < _SAME_DEPTH * sight.rest.depth[y, x]))
+    return past | (hiding <= HALF * len(sights))
 
 
 def _farthest(target: Gaussians, sight: _Behind) -> FloatArray:
