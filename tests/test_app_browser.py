@@ -1,12 +1,17 @@
 """The app in a real browser. One short way through it is in every run; the others take minutes and are slow."""
 
 import base64
+from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
+import toy
 from browser import Tab, chromium, until
 
 from gaussian_trimmer import formats, sample
+from gaussian_trimmer.app import edits
+from gaussian_trimmer.app.viewpoints import Event
 
 pytestmark = pytest.mark.needs("browser", "starlette")
 
@@ -204,21 +209,23 @@ def test_box_lasso_polygon_and_up_by_points(browser, app, lighthouse):
     assert tab.errors == []
 
 
-DROP = """([name, data]) => {
+DROP = """([name, data, where]) => {
     const bytes = Uint8Array.from(atob(data), (character) => character.charCodeAt(0));
     const transfer = new DataTransfer();
     transfer.items.add(new File([bytes], name));
-    window.dispatchEvent(new DragEvent("drop", { dataTransfer: transfer, cancelable: true }));
+    const facts = { dataTransfer: transfer, cancelable: true, bubbles: true };
+    document.querySelector(where).dispatchEvent(new DragEvent("drop", facts));
 }"""
+
+
+def drop(tab, path, where="html"):
+    """Drop a file on a part of the page."""
+    tab.page.evaluate(DROP, [path.name, base64.b64encode(path.read_bytes()).decode(), where])
 
 
 @pytest.mark.slow
 def test_files_are_dropped_and_work_is_back_after_the_program_ended(browser, tmp_path):
     from gaussian_trimmer.app.serving import serving
-
-    def drop(tab, path):
-        data = base64.b64encode(path.read_bytes()).decode()
-        tab.page.evaluate(DROP, [path.name, data])
 
     for said in ("and click on the object that you want", "Your work is back"):
         with serving(None, None, port=0, most=SHOWN, state=tmp_path) as app:
@@ -379,13 +386,23 @@ READING = """() => {
         const { width, height } = each.getBoundingClientRect();
         if (each.matches("button") && (width < 14 || height < 14)) faults.push(`too small: ${name}`);
     }
-    for (const each of document.querySelectorAll("button, span, label, small, td, summary, h1, option")) {
+    for (const each of document.querySelectorAll("button, span, label, small, td, summary, h2, option")) {
         if (!each.checkVisibility() || !each.textContent.trim() || each.disabled || each.children.length) continue;
         const [a, b] = [light(rgb(getComputedStyle(each).color)), light(behind(each))].sort((x, y) => y - x);
         if ((a + 0.05) / (b + 0.05) < 4.5) faults.push(`hard to read: ${each.textContent.slice(0, 40)}`);
     }
     return faults;
 }"""
+
+
+def faults_by_axe(tab):
+    """What axe-core finds wrong with the page; None where its package for Playwright is not installed."""
+    package = find_spec("axe_playwright_python")
+    if package is None:
+        return None
+    tab.page.evaluate(Path(package.origin).with_name("axe.min.js").read_text(encoding="utf-8"))
+    found = tab.page.evaluate("axe.run()")["violations"]
+    return [f"{each['id']}: {each['nodes'][0]['html'][:200]}" for each in found]
 
 
 @pytest.mark.slow
@@ -406,6 +423,7 @@ def test_everything_has_a_name_can_be_read_and_covers_nothing(browser, app, ligh
     for part in ("File", "Options", "Keys"):
         tab.panel(part)
     assert tab.page.evaluate(READING) == []
+    assert faults_by_axe(tab) in (None, [])
     assert tab.page.evaluate("document.documentElement.scrollWidth") <= width
     picture = tab.page.locator("#gt-canvas").bounding_box()
     for part in (".gt-bar", ".gt-high", "[role=status]"):
@@ -423,7 +441,7 @@ def test_the_keyboard_alone_reaches_all_and_renames(browser, app):
     until(lambda: len(session.now.objects) == 2, "another object")
     tab.page.locator(".gt-object").nth(1).focus()
     reached = []
-    while "gt-object" not in reached:  # once around, to the first object
+    while "object 1" not in reached:  # once around, to the first object
         tab.page.keyboard.press("Tab")
         reached.append(tab.page.evaluate("document.activeElement.ariaLabel || document.activeElement.classList[0]"))
         assert len(reached) < 150
@@ -449,3 +467,125 @@ def test_the_page_says_that_the_program_has_ended(browser, tmp_path):
     tab.wait("The program has ended")
     tab.page.locator("#gt-panel.lost").wait_for()
     tab.wait("The program is gone")
+
+
+@pytest.fixture
+def ball_tab(browser, ball, tmp_path):
+    """A tab that shows the ball on its floor, which is marked."""
+    from gaussian_trimmer.app.serving import serving
+
+    with serving(ball[0] / "scene.ply", ball[0] / "cameras.json", port=0, state=tmp_path / "state") as app:
+        tab, jobs = Tab(browser, app, *SMALL), app.controller.jobs
+        tab.wait("and click on the object that you want")
+        jobs.do("Marking", lambda: jobs.session.do(edits.mark, toy.BALL), Event.MARKED)
+        tab.wait("Gaussians selected")
+        yield tab
+        assert tab.errors == []
+
+
+def foot(tab, moved=None):
+    """Pixels at which the ball's foot shows where it was moved to."""
+    place = tab.app.controller.jobs.view.frame.to_scene(tab.evaluate("link.state.placing.foot"))
+    if moved is not None:
+        place = moved.scale * moved.rotation @ place + moved.to
+    return np.array(tab.place(place))
+
+
+@pytest.mark.slow
+def test_handles_move_turn_and_scale_by_dragging_and_by_keys(ball_tab):
+    tab, session, keys = ball_tab, ball_tab.app.controller.session, ball_tab.page.keyboard
+
+    def handle(kind):
+        return tab.page.locator(f"#gesture-overlay {kind}.gizmo.handle")
+
+    def middle(element):
+        box = element.bounding_box()
+        return np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2])
+
+    def moved_from(before):
+        until(lambda: session.now.object.moved not in (None, before), "the object to be elsewhere")
+        finish(tab.app)
+        return session.now.object.moved
+
+    keys.press("1")
+    handle("rect").wait_for()
+    start, aside = middle(handle("rect")), np.array([60, -30])
+    drag(tab, start, start + aside)
+    there = moved_from(None)
+    assert np.allclose(foot(tab, there) - foot(tab), aside, atol=6) and there.scale == 1
+    until(lambda: np.allclose(middle(handle("rect")), start + aside, atol=6), "the handles to follow")
+    for _ in range(3):  # one step
+        keys.press("ArrowLeft")
+    back = moved_from(there)
+    assert foot(tab, back)[0] < foot(tab, there)[0] - 15
+    keys.press("Control+z")
+    until(lambda: session.now.object.moved == there, "the keys to be undone")
+
+    keys.press("2")
+    handle("polyline.z").wait_for()
+    ring = [tuple(map(float, place.split(","))) for place in handle("polyline.z").get_attribute("points").split()]
+    drag(tab, ring[4], ring[8])
+    turned = moved_from(there)
+    axis = turned.rotation - np.eye(3)
+    assert np.abs(axis @ toy.UP).max() < 1e-4 and np.abs(axis).max() > 0.2  # about the axis that is up
+    assert np.allclose(foot(tab, turned), foot(tab, there), atol=2)  # on its foot
+    keys.press("ArrowRight")
+    assert not np.allclose(moved_from(turned).rotation, turned.rotation)
+
+    keys.press("3")
+    handle("circle").wait_for()
+    before, (x, y) = session.now.object.moved, foot(tab, session.now.object.moved)
+    end = middle(handle("circle"))
+    drag(tab, end, 2 * end - (x, y))
+    assert moved_from(before).scale == pytest.approx(2, rel=0.1)
+    larger = session.now.object.moved
+    keys.press("ArrowDown")
+    assert moved_from(larger).scale < larger.scale
+    tab.press("Put it back")
+    until(lambda: session.now.object.moved is None, "the object to be back")
+    tab.press("Scene without it")
+    until(lambda: not handle("circle").count(), "no handles of what is not seen")
+
+
+@pytest.mark.slow
+def test_a_colour_is_picked_where_it_is_clicked(ball_tab):
+    tab, session = ball_tab, ball_tab.app.controller.session
+    tab.press("New object")
+    until(lambda: len(session.now.objects) == 2, "another object")
+    tab.page.keyboard.press("o")
+    tab.wait("Click on a colour")
+    place = np.array([-2.5, -0.5, -0.05])  # on the floor
+    tab.until_said(lambda: click(tab, place), "colour")
+    until(lambda: session.now.object.n_selected, "what has this colour")
+    scene, mask = session.document.scene, session.now.object.selected.mask
+    own = scene.sh_dc[np.argmin(np.linalg.norm(scene.means - place, axis=1))]
+    near = np.abs(scene.sh_dc - own).max(axis=1) < 0.3
+    assert near[mask].all() and mask.sum() > 50 and not (mask & session.now.objects[0].mask).any()
+
+
+@pytest.mark.slow
+def test_a_scene_that_is_dropped_on_the_panel_stands_beside_the_first(ball_tab, tmp_path):
+    tab, session = ball_tab, ball_tab.app.controller.session
+    tab.page.keyboard.press("c")  # so that the program knows from where the page looks
+    n = len(session.document.scene)
+    scene, is_ball = toy.ball_on_floor()
+    formats.write(scene.select(is_ball), tmp_path / "lamp.ply")
+    drop(tab, tmp_path / "lamp.ply", "#gt-panel")
+    tab.wait("lamp stands beside the scene")
+    tab.page.get_by_role("listitem", name="lamp").wait_for()
+    until(lambda: tab.evaluate("canvas.count") == n + is_ball.sum(), "both to be drawn")
+    until(lambda: tab.page.locator("#gesture-overlay .gizmo").count(), "the handles")
+    assert tab.app.controller.panels.tool.value == "Move"
+    until(lambda: (foot(tab) > 0).all() and (foot(tab) < SMALL).all(), "it to be seen")
+
+
+@pytest.mark.slow
+def test_what_is_typed_is_entered_when_a_button_is_pressed(ball_tab, tmp_path):
+    tab = ball_tab
+    tab.page.keyboard.press("t")
+    tab.wait("is cut out:")
+    finish(tab.app)
+    tab.field("Folder").fill(str(tmp_path / "typed"))
+    tab.press("Save in this folder")
+    tab.wait("Saved in")
+    assert (tmp_path / "typed" / "report.json").is_file()

@@ -69,14 +69,18 @@ def seen(now, showing):
     before, after, bits = states.T.astype(int)
     cut_out, active = showing.when == "Cut-out", now.active + 1
     owner, extra = (after if cut_out else before), bits & display.EXTRA > 0
-    visible = np.array([True, *(not part.hidden for part in now.objects)])[owner]
+    together = now.object.together
+    taken = [part is now.object or (part.together and together) for part in now.objects]
+    hidden = [
+        p.hidden or (gone and showing.part == "Scene without it") for p, gone in zip(now.objects, taken, strict=True)
+    ]
+    visible = ~np.array([False, *hidden])[owner]
     gone, replaced = (cut_out & (bits & bit > 0) for bit in (display.GONE, display.REPLACED))
     if showing.part == "Object" and not showing.ghost:
         removed = (bits & display.ACTIVE_REMOVED > 0) & (showing.colours == "Changes")
         own, piece = ((owner == active) | removed) & ~replaced, owner == active
     else:
-        own = visible & ~gone & ~replaced & ~((showing.part == "Scene without it") & (owner > 0))
-        piece = visible & (showing.part == "Everything")
+        own, piece = visible & ~gone & ~replaced, visible
     pieces, fills = (bits & display.PIECE > 0) & piece, (bits & display.FILL > 0) & (showing.part != "Object")
     shown = np.where(extra, cut_out & (pieces | fills), own)
     gaussians = concatenate([now.document.scene, *(layer.gaussians for layer in layers)])
@@ -96,7 +100,7 @@ def test_before_the_objects_have_their_numbers_and_nothing_else(session):
 def test_what_the_page_draws_is_what_marks_go_by_and_what_files_hold(session, hidden):
     session.do(edits.describe, 1, "hidden", hidden)
     now, scene, n = session.now, session.document.scene, len(session.document.scene)
-    result = now.objects[0].fresh
+    result, second = now.objects[0].fresh, np.flatnonzero(now.object.selected.mask)
     for part, when, colours in product(PARTS, WHENS, COLOURINGS):
         for ghost in (False, True)[: 1 + (part == "Object")]:
             showing = Showing(part, when, colours, ghost)
@@ -106,11 +110,10 @@ def test_what_the_page_draws_is_what_marks_go_by_and_what_files_hold(session, hi
     for when, rest in (("Selection", now.objects[0].selected.mask), ("Cut-out", result.object_mask)):
         assert seen(now, Showing("Object", when))[0].sum() == now.object.n_selected  # the second one is not trimmed
         gone = len(result.discarded) - result.count(RowLabel.FILLED) if when == "Cut-out" else 0
-        background = seen(now, Showing("Scene without it", when))[0].sum()
-        assert background == (~(rest | now.object.selected.mask)).sum() - gone  # filled, also where it is hidden
         more = len(result.object) - result.object_mask.sum() if when == "Cut-out" else 0  # the fit has cut some in two
-        if not hidden:
-            assert seen(now, Showing("Everything", when))[0].sum() == len(scene) - gone + more
+        first = rest.sum() + more if hidden else 0
+        assert seen(now, Showing("Everything", when))[0].sum() == len(scene) - gone + more - first  # filled, also then
+        assert seen(now, Showing("Scene without it", when))[0].sum() == len(scene) - gone + more - first - len(second)
     session.undo()
 
 

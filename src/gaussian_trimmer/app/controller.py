@@ -17,7 +17,7 @@ from gaussian_trimmer.app.jobs import STAGES_OF_A_TRIM, TAKE_OUT, Jobs
 from gaussian_trimmer.app.page import Action, Move
 from gaussian_trimmer.app.tools import Tools
 from gaussian_trimmer.app.viewpoints import PARTS, Event, doubts, framed
-from gaussian_trimmer.cameras import look_at
+from gaussian_trimmer.cameras import look_at, point_of
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.identify import identify
 from gaussian_trimmer.gaussians import Float64Array
@@ -25,6 +25,8 @@ from gaussian_trimmer.trimming.result import TrimResult
 
 _STAGES_OF_FINDING = 19
 """About as many stages as finding objects has, for the progress bar."""
+_AWAY = 2.5
+"""From how much farther away than alone an object is seen that was put beside a scene."""
 _TOOL_KEYS = dict(zip(("Esc", "C", "O", "R", "L", "P", "B", "Shift+B", "X"), panels.TOOLS, strict=True))
 
 
@@ -171,14 +173,16 @@ class Controller:
         """Save the cut-out in the folder that the panel names, or all objects, trimmed together."""
 
         def save_results() -> str:
-            stages = self.jobs.stages(2 * len(self.session.now.objects), "Trimming ")
+            parts = [part for part in self.session.now.objects if part.n_selected]
+            names = {f"object {number}": part.name for number, part in enumerate(parts, 1)}
+            stages = self.jobs.stages(2 * len(parts), "Saving: ")
             folder = files.path_of(self.panels.folder_for(together), "the folder").absolute()
             overwrite = self.panels.existing.value == panels.REPLACE
             sentence, self.panels.command.value = files.save(
                 self.session.now,
                 folder,
                 self.panels.ending,
-                stages,
+                lambda stage: stages(names.get(stage, stage)),
                 engine=self.panels.engine,
                 together=together,
                 overwrite=overwrite,
@@ -204,7 +208,7 @@ class Controller:
             self.panels.say(str(error), wrong=True)
             return
         if beside and kind == "splats" and self.session.glance() is not None:
-            self.jobs.do("Adding a scene", lambda: self._add(path))
+            self.jobs.do("Adding a scene", lambda: self._add(path, client))
         elif path.name in files.CAMERA_NAMES:
             self.panels.camera_path.value = str(path)
             if self.session.glance() is not None:
@@ -216,11 +220,14 @@ class Controller:
         else:
             self.load(str(path))
 
-    def _add(self, path: Path) -> str:
+    def _add(self, path: Path, client: Any) -> str:
         said = self._files.add(path, self.jobs.stages(3, ""))
         self.panels.path.value = str(self.session.document.path)
         self.panels.tool.value = panels.MOVE
         self.tools.begin(None)
+        self._look_from_start()
+        if client is not None and client.view is not None:
+            self._look_at_object(client, _AWAY)
         return said
 
     def _load_or_open(self, path: Path, client: Any) -> str | None:
@@ -248,11 +255,12 @@ class Controller:
 
         self.jobs.do("Turning", turn, Event.STEPPED)
 
-    def _look_at_object(self, client: Any) -> None:
+    def _look_at_object(self, client: Any, away: float = 1.0) -> None:
         now = self.session.now
         cut_out = now.object.fresh
         shown = cut_out.object if cut_out else now.document.scene.select(np.flatnonzero(now.object.selected.mask))
-        self._view.look(client, *framed(shown, self._view.viewpoint(client).camera))
+        eye, target = framed(shown, self._view.viewpoint(client).camera)
+        self._view.look(client, point_of(target + away * np.subtract(eye, target)), target)
 
     def _look_from_start(self) -> None:
         """Let all tabs look from the first view of the scene, up being up."""

@@ -219,12 +219,17 @@ def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
         return np.asarray((owner == now.active) | removed)
     unseen = np.zeros(len(owner), np.bool_)
     for place, part in enumerate(now.objects):
-        if part.hidden:
+        if part.hidden or (showing.part == "Scene without it" and _is_taken_out(now, part)):
             unseen |= owner == place
         if after and (result := part.result) is not None:
             unseen[result.discarded] = True
             unseen[_relit_rows(result)] = True
-    return ~unseen & (owner < 0) if showing.part == "Scene without it" else ~unseen
+    return ~unseen
+
+
+def _is_taken_out(now: Snapshot, part: MarkedObject) -> bool:
+    """Tell whether the scene without the active object is without another one, too."""
+    return part is now.object or (part.together and now.object.together)
 
 
 def markable_rows(now: Snapshot, showing: Showing) -> BoolArray:

@@ -106,10 +106,12 @@ class Presenter:
 
     def _idle(self) -> list[str]:
         """Return the actions that can do nothing in this state."""
-        part, (back, forth) = self._session.now.object, self._session.can_step
+        now, (back, forth) = self._session.now, self._session.can_step
+        part = now.object
         idle = {
             "Undo": not back,
             "Redo": not forth,
+            "Unhide all": not any(each.hidden for each in now.objects),
             "Put it back": part.moved is None,
             **dict.fromkeys(("Cut out", "Grow", "Shrink", "Clear", TAKE_OUT, *PLACING), not part.n_selected),
             "Look at the object": not part.n_selected,
@@ -207,6 +209,7 @@ class Jobs:
         def stage(name: str) -> None:
             if self.worker.cancelled():
                 raise Cancelled
-            self.panels.busy((prefix + name).capitalize(), min(1.0, next(steps) / number))
+            doing = prefix + name
+            self.panels.busy(doing[:1].upper() + doing[1:], min(1.0, next(steps) / number))
 
         return stage

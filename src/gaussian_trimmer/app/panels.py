@@ -153,7 +153,7 @@ class Panels:
         objects = [
             {"id": each.id, "name": each.name, "colour": each.colour, "hidden": each.hidden, "locked": each.locked,
              "selected": each.n_selected, "cut": len(each.fresh.object) if each.fresh else 0, "active": each is part,
-             "result": each.result is not None, "moved": each.moved is not None}
+             "result": each.result is not None, "together": each.together}
             for each in now.objects
         ]  # fmt: skip
         self._stem = str(Path("trimmed") / now.document.path.name.split(".")[0])

@@ -321,9 +321,10 @@ def _listening(port: int) -> Iterator[socket.socket]:
             with suppress(OSError):
                 wire.bind((HOST, number))
                 wire.listen()
-                yield wire
-                return
-    raise InputError(f"No port is free from {port} on; give another one by --port.")
+                break
+        else:
+            raise InputError(f"No port is free from {port} on; give another one by --port.")
+        yield wire
 
 
 def _run(app: Any, wire: socket.socket) -> Any:

@@ -206,7 +206,7 @@ class MarkedObject:
         mask, result = self.selected.mask, self.result
         if result is None:
             return mask
-        rough, settled = result.selection, self.selected.settled
+        rough, settled = result.selection | result.scene.blank, self.selected.settled
         added = mask & ~rough if settled is None else mask & (~rough | settled.touched)
         return np.asarray((result.object_mask | added) & ~(rough & ~mask) & ~self.selected.excluded_mask)
 
@@ -222,8 +222,13 @@ class MarkedObject:
         if result is None:
             return ""
         report = describe(result)
-        said = " ".join([sentences(report)[0], *report["objects"][0]["warnings"]])
-        return f"{self.name}: {said}" if result.objects[0].refused else f"{self.name} is cut out: {said}"
+        entry = report["objects"][0]
+        if entry["refused"]:
+            return " ".join([f"{self.name}: {sentences(report)[0]}", *entry["warnings"]])
+        removed, added = (entry["counts"][name] for name in ("removed", "added"))
+        said = f"{self.name} is cut out: {entry['gaussians']:,} Gaussians; {removed:,} removed, {added:,} added."
+        holes = [f"The hole is not filled: {entry['not_filled'].rstrip('.')}."] if entry["not_filled"] else []
+        return " ".join([said, *filter(None, [entry["shrunk_side"]]), *holes, *entry["warnings"]])
 
     def marked(self, marks: tuple[Mark, ...], selected: Selection, *, further: bool = False) -> MarkedObject:
         """Return the object with other marks; with further ones, its cut-out is stale and still to be seen."""

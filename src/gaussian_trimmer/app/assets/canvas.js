@@ -13,10 +13,10 @@ export const LINE = 1024; // splats in a line of the textures
 export const BEFORE = 0, AFTER = 1, FLAGS = 2, LIVE = 3; // bytes of a splat's state
 const ADDED = 1, REMOVED = 2, CUT = 4, MADE_UP = 8, PIECE = 16, FILL = 32, ACTIVE_REMOVED = 64, EXTRA = 128;
 const GONE = PIECE, REPLACED = FILL; // of a splat of the scene itself
-const EVERYTHING = 0, OBJECT = 1, WITHOUT = 2, CHANGES = 2;
+const OBJECT = 1, CHANGES = 2;
 const NEAR_LINES = 8; // lines so near each other are uploaded as one
 const SLOW_MILLISECONDS = 50, FEWEST = 40000, FEWEST_DEEP = 100000, REST_MILLISECONDS = 250;
-export const FOV = 50 * Math.PI / 180;
+const FOV = 50 * Math.PI / 180;
 
 const VERTEX = `#version 300 es
 precision highp float; precision highp int; precision highp usampler2D;
@@ -66,12 +66,12 @@ void main() {
   vec4 own = texelFetch(palette, ivec2(int(owner), 0), 0);
   bool shown;
   if ((flags & ${EXTRA}u) != 0u) {
-    bool piece = (flags & ${PIECE}u) != 0u && (showing.x == ${EVERYTHING} ? own.a > 0.0 : showing.x == ${OBJECT} && owner == chosen);
+    bool piece = (flags & ${PIECE}u) != 0u && (showing.x == ${OBJECT} ? owner == chosen : own.a > 0.0);
     shown = after && (piece || ((flags & ${FILL}u) != 0u && showing.x != ${OBJECT}));
   } else if (showing.x == ${OBJECT} && !ghost) {
     shown = (owner == chosen || (showing.z == ${CHANGES} && (flags & ${ACTIVE_REMOVED}u) != 0u)) && !(after && (flags & ${REPLACED}u) != 0u);
   } else {
-    shown = own.a > 0.0 && !(after && (flags & ${GONE | REPLACED}u) != 0u) && !(showing.x == ${WITHOUT} && owner != 0u);
+    shown = own.a > 0.0 && !(after && (flags & ${GONE | REPLACED}u) != 0u);
   }
   if (!shown) return;
 
@@ -346,9 +346,9 @@ export class Canvas {
     const { part, when, colours, ghost } = this.showing;
     const flags = this.states[4 * i + FLAGS], owner = this.states[4 * i + (when ? AFTER : BEFORE)], seen = this.palette[4 * owner + 3] > 0;
     if (flags & EXTRA)
-      return when === 1 && ((flags & PIECE && (part === EVERYTHING ? seen : part === OBJECT && owner === this.active)) || (flags & FILL && part !== OBJECT));
+      return when === 1 && ((flags & PIECE && (part === OBJECT ? owner === this.active : seen)) || (flags & FILL && part !== OBJECT));
     if (part === OBJECT && !ghost) return (owner === this.active || (colours === CHANGES && flags & ACTIVE_REMOVED)) && !(when && flags & REPLACED);
-    return seen && !(when && flags & (GONE | REPLACED)) && !(part === WITHOUT && owner);
+    return seen && !(when && flags & (GONE | REPLACED));
   }
 
   /** @param {Uint8Array<ArrayBuffer>} palette four bytes an object, 256 of them */
@@ -389,16 +389,22 @@ export class Canvas {
     gl.bufferData(gl.ARRAY_BUFFER, order, gl.DYNAMIC_DRAW);
   }
 
+  /** The angle from the upper edge to the lower one; the shorter side of the picture always spans the same. */
+  get fov() {
+    const { clientWidth: width, clientHeight: height } = this.element;
+    return 2 * Math.atan(Math.tan(FOV / 2) * Math.max(1, height / (width || height || 1)));
+  }
+
   /** How wide a pixel is at a depth of one. */
   get pixel() {
-    return (2 * Math.tan(FOV / 2)) / this.element.clientHeight;
+    return (2 * Math.tan(this.fov / 2)) / this.element.clientHeight;
   }
 
   /** @returns {Pose} where the eye is and how it looks, x right, y down, z forward; focal length for a height of one */
   pose() {
     const forward = unit(add(this.target, times(this.eye, -1)));
     const side = cross(forward, this.up), right = unit(Math.hypot(...side) > 1e-6 ? side : cross(forward, [this.up[1], this.up[2], this.up[0]]));
-    return { eye: this.eye, right, down: cross(forward, right), forward, focal: 0.5 / Math.tan(FOV / 2) };
+    return { eye: this.eye, right, down: cross(forward, right), forward, focal: 0.5 / Math.tan(this.fov / 2) };
   }
 
   get near() {

@@ -39,7 +39,11 @@ export class Gizmo {
 
   /** What it looks like depends on this. */
   get drawnBy() {
-    return [this.tools.tool, this.active, this.at];
+    return [this.tools.tool, this.active, this.at, this.isSeen];
+  }
+
+  get isSeen() {
+    return this.tools.canvas.palette[4 * this.tools.canvas.active + 3] > 0;
   }
 
   /** Where the active object's foot is now. */
@@ -108,7 +112,7 @@ export class Gizmo {
   draw(onScreen, line) {
     const { tools } = this, { tool, canvas } = tools;
     this.follow();
-    if (!PLACING.includes(tool) || !this.placing?.foot || !this.moved) return;
+    if (!PLACING.includes(tool) || !this.placing?.foot || !this.moved || !this.isSeen) return;
     const { pivot } = this, { x, y, depth } = onScreen(pivot), pixel = canvas.pixel * depth, drop = () => this.drop();
     if (depth <= 0) return;
     const put = (/** @type {string} */ name, /** @type {Record<string, any>} */ facts, /** @type {string} */ kind, /** @type {(at: Place, from: Place) => void} */ drag) =>

@@ -1,6 +1,6 @@
 // @ts-check
 // What the page has of the program: its state, of which it is told changes, and the scene's splats; and what it tells it.
-import { AFTER, BEFORE, FLAGS, FOV } from "./canvas.js";
+import { AFTER, BEFORE, FLAGS } from "./canvas.js";
 /** @typedef {import("./canvas.js").Canvas} Canvas */
 /** @typedef {{value: any, options?: string[], limits?: number[], effects?: Record<string, string>}} Control */
 
@@ -61,8 +61,8 @@ export class Link {
 
   /** Tell the program something. @param {Record<string, any>} message @param {Uint8Array=} rows bits of splats */
   async say(message, rows) {
-    const { eye, target, up, element } = this.canvas;
-    const view = { eye, target, up, fov: FOV, width: element.clientWidth, height: element.clientHeight };
+    const { eye, target, up, fov, element } = this.canvas;
+    const view = { eye, target, up, fov, width: element.clientWidth, height: element.clientHeight };
     const text = JSON.stringify(this.scene.count && element.clientWidth ? { ...message, view } : message);
     /** @type {string | Uint8Array} */ let data = text;
     if (rows) {

@@ -36,7 +36,8 @@ function changed() {
   if (tools.comparing && objects[active]?.result) [showing, name] = compared(showing);
   else if (tools.comparing) Object.assign(state, { said: "There is nothing to compare yet: cut the object out first.", wrong: true });
   const palette = new Uint8Array(1024).fill(255);
-  objects.forEach(({ colour, hidden }, i) => palette.set([...colour, hidden ? 0 : 255], 4 * Math.min(255, i + 1)));
+  const without = (/** @type {any} */ each) => showing.part === WITHOUT && (each.active || (each.together && objects[active].together));
+  objects.forEach((each, i) => palette.set([...each.colour, each.hidden || without(each) ? 0 : 255], 4 * Math.min(255, i + 1)));
   if (`${palette}` !== `${canvas.palette}`) canvas.setPalette(palette);
   const now = JSON.stringify([showing, active]);
   if (now !== seen) (seen = now), (canvas.showing = showing), (canvas.active = active + 1), canvas.stateChanged();

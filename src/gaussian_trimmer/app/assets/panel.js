@@ -135,7 +135,10 @@ export class Panel {
   /** Buttons that are pressed by a pointer never take the keyboard from the tools. @param {Element | null} parent @param {string} text @param {() => void} press @param {Record<string, any>=} facts */
   button(parent, text, press, facts = {}) {
     const element = make(parent, "button", { type: "button", ariaLabel: text, onclick: press, ...facts }, text in ICONS ? this.icon(text) : text);
-    element.onpointerdown = (/** @type {Event} */ event) => event.preventDefault();
+    element.onpointerdown = (/** @type {Event} */ event) => {
+      event.preventDefault();
+      /** @type {HTMLElement} */ (document.activeElement)?.blur(); // what is typed is entered first
+    };
     return element;
   }
 
@@ -209,7 +212,7 @@ export class Panel {
   /** @param {any} object */
   row({ id, name, colour, hidden, locked, active, selected, cut }) {
     const tell = (/** @type {string} */ what, /** @type {any} */ value) => this.link.say({ is: "alter", object: id, what, value });
-    const element = make(null, "div", { className: `gt-object${active ? " active" : ""}`, role: "listitem", tabIndex: 0, title: "Click to mark this object" });
+    const element = make(null, "div", { className: `gt-object${active ? " active" : ""}`, role: "listitem", tabIndex: 0, ariaLabel: name, title: "Click to mark this object" });
     element.setAttribute("aria-current", String(active));
     // A handler that returns false would take the event from the browser.
     element.onclick = (/** @type {any} */ event) => void (event.target.closest("button, input:focus") || tell("active", true));
@@ -269,6 +272,12 @@ export class Panel {
       this.follows(this.action(settings, /** @type {string} */ (name)), (element) => (element.hidden = !tools.includes(this.controls.Tool.value)));
     const bar = withScene(make(low, "div", { className: "gt-bar", role: "toolbar", ariaLabel: "Tools" }));
     bar.append(...this.control(bar, "Tool").children);
+    let tool = "";
+    this.follows(bar, () => {
+      if (tool === this.controls.Tool.value) return;
+      tool = this.controls.Tool.value;
+      bar.querySelector("[aria-pressed=true]")?.scrollIntoView({ block: "nearest", inline: "nearest" });
+    });
     bar.querySelector("div")?.remove();
     for (const name of ["", "Grow", "Shrink", "Invert", "", "Undo", "Redo"]) name ? this.action(bar, name) : make(bar, "span", { className: "gt-gap" });
 
@@ -298,7 +307,7 @@ export class Panel {
 
   /** @param {Element} picture */
   addDrop(picture) {
-    const drop = make(picture, "div", { className: "gt-drop" }, make(null, "h1", {}, "Drop a splat scene here"));
+    const drop = make(picture, "div", { className: "gt-drop" }, make(null, "h2", {}, "Drop a splat scene here"));
     make(drop, "div", {}, "PLY, SPLAT, SPZ, SOG, KSPLAT or glTF");
     this.chooser(drop);
     const starts = make(drop, "div");
