@@ -43,7 +43,7 @@ def main() -> None:
 
 
 def walk(browser: Any, lighthouse: Any, state: Path) -> None:
-    """From opening to the scene without the object."""
+    """From opening to the object elsewhere."""
     with serving(Path(sample.SCENE.name), Path(sample.CAMERAS.name), port=0, most=SHOWN, state=state) as app:
         tab = Tab(browser, app, *SIZE)
         tab.wait("59,472 Gaussians")
@@ -66,6 +66,16 @@ def walk(browser: Any, lighthouse: Any, state: Path) -> None:
         tab.press("Scene without it")
         tab.press("Changes")
         save(tab, "without")
+
+        tab.page.keyboard.press("Home")
+        tab.page.keyboard.press("1")
+        handle = tab.page.locator("#gesture-overlay rect.gizmo.handle").bounding_box()
+        tab.page.mouse.move(handle["x"] + 8, handle["y"] + 8)
+        tab.page.mouse.down()
+        tab.page.mouse.move(handle["x"] - 200, handle["y"] + 60, steps=4)
+        tab.page.mouse.up()
+        tab.wait("lies here")
+        save(tab, "moved")
 
 
 def save(tab: Tab, name: str) -> None:
