@@ -67,15 +67,21 @@ def walk(browser: Any, lighthouse: Any, state: Path) -> None:
         tab.press("Changes")
         save(tab, "without")
 
+        tab.press("Black")
         tab.page.keyboard.press("Home")
         tab.page.keyboard.press("1")
-        handle = tab.page.locator("#gesture-overlay rect.gizmo.handle").bounding_box()
-        tab.page.mouse.move(handle["x"] + 8, handle["y"] + 8)
-        tab.page.mouse.down()
-        tab.page.mouse.move(handle["x"] - 200, handle["y"] + 60, steps=4)
-        tab.page.mouse.up()
+        handle = tab.page.locator("#gesture-overlay circle.gizmo.handle.y").bounding_box()
+        drag(tab, (handle["x"] + 8, handle["y"] + 8), (handle["x"] + 8, handle["y"] + 28))  # along the table
         tab.wait("lies here")
         save(tab, "moved")
+
+
+def drag(tab: Tab, start: tuple[float, float], end: tuple[float, float]) -> None:
+    """Press at a place of the page, and let go at another one."""
+    tab.page.mouse.move(*start)
+    tab.page.mouse.down()
+    tab.page.mouse.move(*end, steps=4)
+    tab.page.mouse.up()
 
 
 def save(tab: Tab, name: str) -> None:

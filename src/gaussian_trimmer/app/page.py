@@ -113,7 +113,8 @@ class Action:
     """What a button or a key of the page does."""
 
     name: str
-    act: Act
+    act: Act | None
+    """None: the page does it by itself."""
     key: str = ""
     """As the page's script calls it, such as Ctrl+Shift+Z; several with ", " between."""
 
@@ -138,11 +139,6 @@ class Control:
         if value != self._value:
             self._value = value
             self._page.tell()
-
-    def choose_next(self, client: Any) -> None:
-        """Take the next of the options."""
-        options = self.facts["options"]
-        self.enter(options[(options.index(self.value) + 1) % len(options)], client)
 
     def enter(self, value: object, client: Any) -> None:
         """Take what a tab has sent, if it can be a value of this control."""
@@ -227,7 +223,7 @@ class Page:
                 self.drawn(said, tab)
             case Enter() if (control := self.controls.get(said.control)) is not None:
                 control.enter(said.value, tab)
-            case Do() if (action := self.actions.get(said.action)) is not None:
+            case Do() if (action := self.actions.get(said.action)) is not None and action.act is not None:
                 action.act(tab)
             case Alter():
                 self.changed_object(said.object, said.what, said.value, tab)

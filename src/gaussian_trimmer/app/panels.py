@@ -161,4 +161,5 @@ class Panels:
         if self.folder.value in ("", self._offered):  # otherwise somebody has chosen another one
             self.folder.value = offered
         self._offered = offered
-        self._page.show(scene=now.document.path.name, objects=objects, up=describe_up(now.up), idle=idle)
+        shown = {"scene": now.document.path.name, "objects": objects, "up": describe_up(now.up), "idle": idle}
+        self._page.show(**shown, folder=self.folder_for(together=True))

@@ -146,7 +146,7 @@ export class Panel {
   action(parent, name, facts) {
     return this.follows(this.button(parent, name, () => this.link.say({ is: "do", action: name }), facts), (element) => {
       element.disabled = this.link.state.idle?.includes(name) ?? false;
-      element.title = name + this.keyOf(name);
+      element.title = name + this.keyOf(name) + (name === "Cut out and save all objects" ? `, to ${this.link.state.folder}` : "");
       if (name.startsWith("Download: ")) element.textContent = name.slice(10);
     });
   }
