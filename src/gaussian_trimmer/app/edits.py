@@ -276,17 +276,14 @@ def activate(now: Snapshot, number: int) -> Change:
     Raises:
         InputError: there is no such object.
     """
-    places = [place for place, part in enumerate(now.objects) if part.id == number]
-    if not places:
-        raise InputError(f"There is no object {number} any more.")
-    after = replace(now, active=places[0])
+    after = replace(now, active=now.objects.index(now.part(number)))
     return Change(after, after.sentence)
 
 
 def move(now: Snapshot, number: int, to: Similarity | None) -> Change:
-    """Let the object with this id lie elsewhere in files; None: where it lies in the scene."""
-    part = next((part for part in now.objects if part.id == number), None)
-    if part is None or part.moved == to:
+    """Let the object with this id lie elsewhere in files; None: where it lies in the scene. Raises as `activate`."""
+    part = now.part(number)
+    if part.moved == to:
         return Change(now, now.sentence)
     said = f"{part.name} lies {'here in what is saved and downloaded' if to else 'as in the scene'}; Ctrl+Z undoes."
     return Change(now.with_object(replace(part, moved=to), "move"), said)
@@ -343,9 +340,7 @@ def describe(now: Snapshot, number: int, what: str, value: object) -> Change:
     Raises:
         InputError: there is no such object, it has no such thing, or a name is empty, too long, or another object's.
     """
-    part = next((part for part in now.objects if part.id == number), None)
-    if part is None:
-        raise InputError(f"There is no object {number} any more.")
+    part = now.part(number)
     if what in ("hidden", "locked"):
         changed: dict[str, Any] = {what: value is True}
         after = now.with_object(replace(part, **changed), "hide or lock")

@@ -264,6 +264,17 @@ class Snapshot:
         """The object that is being marked."""
         return self.objects[self.active]
 
+    def part(self, number: int) -> MarkedObject:
+        """Return the object with this id.
+
+        Raises:
+            InputError: there is none any more.
+        """
+        found = next((part for part in self.objects if part.id == number), None)
+        if found is None:
+            raise InputError(f"There is no object {number} any more.")
+        return found
+
     @property
     def given_up(self) -> Point | None:
         """The up vector, if it has to be told to find it again."""

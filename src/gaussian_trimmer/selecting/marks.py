@@ -210,8 +210,8 @@ class Marks:
 
     @property
     def exclude(self) -> bool:
-        """Whether marks remove or cut something, which an array of what is selected does not say."""
-        return any(getattr(mark, "effect", "add") == "remove" for mark in self.marks)
+        """Whether marks remove, cut or settle something, which an array of what is selected does not say."""
+        return any(getattr(m, "effect", "add") == "remove" or getattr(m, "settled", False) for m in self.marks)
 
     def followed_by(self, further: Marks, cameras: Path | None = None) -> Marks:
         """Return these marks and then further ones, with what these depend on.
