@@ -13,6 +13,7 @@ import pytest
 
 from gaussian_trimmer import cli
 from gaussian_trimmer.commands.pools import _cluster
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.folders import atomic_folder
 from gaussian_trimmer.io.writing import Stopped, stop_signals_raised, write_whole
 
@@ -102,3 +103,13 @@ def test_a_signal_while_ray_starts_waits_until_it_has_started_and_shuts_it_down(
     assert received == [number]
     assert happened == ["started", "shut down"]
     assert signal.getsignal(signal.SIGTERM) == before
+
+
+@pytest.mark.parametrize(("address", "cure"), [(None, "start the batch again."), ("auto", "RAY_AUTH_MODE=token.")])
+def test_a_ray_that_does_not_start_is_a_sentence_with_its_cure(monkeypatch, address, cure):
+    def init(**options):
+        raise ConnectionError("timed out")
+
+    monkeypatch.setitem(sys.modules, "ray", SimpleNamespace(init=init, shutdown=lambda: None))
+    with pytest.raises(InputError, match=rf"No Ray cluster .* \(timed out\)\. .*{cure}$"), _cluster(address, None):
+        pass

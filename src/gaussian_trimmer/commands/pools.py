@@ -169,11 +169,10 @@ def _cluster(address: str | None, workers: int | None) -> Iterator[Any]:
         except Exception as error:
             if starting.exception() is not error:
                 raise
-            place = "could be started here" if address is None else f"is at '{address}'"
-            raise InputError(
-                f"No Ray cluster {place} ({' '.join(str(error).split())[:300]}). One that asks for a token needs "
-                "RAY_AUTH_MODE=token."
-            ) from error
+            place, cure = f"is at '{address}'", "One that asks for a token needs RAY_AUTH_MODE=token."
+            if address is None:
+                place, cure = "could be started here", "If the machine is busy, start the batch again."
+            raise InputError(f"No Ray cluster {place} ({' '.join(str(error).split())[:300]}). {cure}") from error
         finally:
             wait([starting])  # a signal may have come while it started
             ray.shutdown()
