@@ -16,7 +16,7 @@ from gaussian_trimmer.app.page import Page
 from gaussian_trimmer.app.panels import PLACING, PROGRAM_ENDED, WELCOME, Panels
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Cancelled, Session
-from gaussian_trimmer.app.snapshots import Progress
+from gaussian_trimmer.app.snapshots import Progress, Snapshot
 from gaussian_trimmer.app.viewpoints import Event, due_after, showing_after
 from gaussian_trimmer.errors import InputError
 
@@ -83,50 +83,6 @@ class Worker:
             self.busy = False
 
 
-class Presenter:
-    """Shows the state of a session. Used by the worker's thread alone."""
-
-    def __init__(self, session: Session, panels: Panels, view: SceneView) -> None:
-        self._session, self._panels, self._view = session, panels, view
-        self._shown: dict[str, object] = {}
-
-    def refresh(self) -> None:
-        """Show the present state, if a scene is open."""
-        now = self._session.glance()
-        if now is None:
-            return
-        if self._is_new("up", now.up):
-            self._view.show_up(now.up.direction)
-        views = now.object.fresh if self._panels.views.value else None
-        if self._is_new("views", views):
-            self._view.show_views(views)
-        if self._is_new("state", now):  # otherwise, what somebody is typing is kept
-            self._view.show(now)
-            self._panels.refresh(now, self._idle())
-
-    def _idle(self) -> list[str]:
-        """Return the actions that can do nothing in this state."""
-        now, (back, forth) = self._session.now, self._session.can_step
-        part = now.object
-        idle = {
-            "Undo": not back,
-            "Redo": not forth,
-            "Unhide all": not any(each.hidden for each in now.objects),
-            "Put it back": part.moved is None,
-            **dict.fromkeys(("Cut out", "Grow", "Shrink", "Clear", TAKE_OUT, *PLACING), not part.n_selected),
-            "Look at the object": not part.n_selected,
-            **dict.fromkeys((*(f"Download: {what}" for what in DOWNLOADS), "Save in this folder"), part.fresh is None),
-        }
-        return [name for name, cannot in idle.items() if cannot]
-
-    def _is_new(self, what: str, state: object) -> bool:
-        """Tell whether something is not in this state yet; it is from now on."""
-        if self._shown.get(what) == state:
-            return False
-        self._shown[what] = state
-        return True
-
-
 TAKE_OUT = "Take it out of the scene"
 STAGES_OF_A_TRIM = 12
 """About as many stages as a trim has, for the progress bar."""
@@ -142,7 +98,7 @@ class Jobs:
         self.files = Files(self.session, state)
         self.panels = Panels(self.page, *offered)
         self.view = SceneView(self.page, most)
-        self.presenter = Presenter(self.session, self.panels, self.view)
+        self._shown: dict[str, object] = {}
         self.due = False
         """Whether what a mark has corrected is to be cut out again."""
         name = "Open the sample" if offered[0] == str(sample.SCENE) else Path(offered[0]).name
@@ -174,7 +130,7 @@ class Jobs:
                     self.panels.showing = showing_after(event, now, self.panels.showing)
                     self.due = due_after(event, now, self.panels.showing, self.due)
             finally:
-                self.presenter.refresh()
+                self._present()
             self.files.keep()
             wrong = False
         except InputError as error:
@@ -183,6 +139,36 @@ class Jobs:
             traceback.print_exc(file=sys.stderr)
             text = f"This is a defect of the program ({type(error).__name__}: {error}); everything is as it was."
         self.panels.say(text, wrong=wrong)
+
+    def _present(self) -> None:
+        """Show what of the state is new, if a scene is open; otherwise, what somebody is typing is kept."""
+        if (now := self.session.glance()) is None:
+            return
+        views = now.object.fresh if self.panels.views.value else None
+        shown = {"up": now.up, "views": views, "state": now}
+        new = [what for what, state in shown.items() if self._shown.get(what) is not state]
+        self._shown = shown
+        if "up" in new:
+            self.view.show_up(now.up.direction)
+        if "views" in new:
+            self.view.show_views(views)
+        if "state" in new:
+            self.view.show(now)
+            self.panels.refresh(now, self._idle(now))
+
+    def _idle(self, now: Snapshot) -> list[str]:
+        """Return the actions that can do nothing in a state."""
+        part, (back, forth) = now.object, self.session.can_step
+        idle = {
+            "Undo": not back,
+            "Redo": not forth,
+            "Unhide all": not any(each.hidden for each in now.objects),
+            "Put it back": part.moved is None,
+            **dict.fromkeys(("Cut out", "Grow", "Shrink", "Clear", TAKE_OUT, *PLACING), not part.n_selected),
+            "Look at the object": not part.n_selected,
+            **dict.fromkeys((*(f"Download: {what}" for what in DOWNLOADS), "Save in this folder"), part.fresh is None),
+        }
+        return [name for name, cannot in idle.items() if cannot]
 
     def _follow(self) -> None:
         """Cut out again what is due; whatever else is done goes first, and then it is still due."""
