@@ -171,12 +171,14 @@ def test_a_moved_scene_gives_the_same_object(scale, shift, turn):
     assert jaccard(object_rows(result), object_rows(trimmed("speckled"))) > 0.98
 
 
-def test_an_object_without_its_scene_stays_whole():
+@pytest.mark.parametrize("n_unusable", [0, 3])
+def test_an_object_without_its_scene_stays_whole(n_unusable):
     ball = SCENE.select(TRUTH)
+    ball.opacity_logits[:n_unusable] = -np.inf
     result = trim(ball, np.ones(len(ball), np.bool_), config=small_config(split=WHOLE, refine="fit"))
     assert result.objects[0].refused is None
     assert len(result.object) > 0.98 * len(ball)
-    assert len(result.object) + len(result.background) == len(ball)
+    assert len(result.object) + len(result.background) == len(ball) - n_unusable
     assert "nothing lies around" in result.objects[0].not_fitted and not len(result.objects[0].fitted)
 
 

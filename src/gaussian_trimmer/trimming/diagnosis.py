@@ -66,7 +66,7 @@ def selection_warning(scene: Gaussians, selection: BoolArray) -> str | None:
     share = float(selection.mean())
     if share <= _MOST_OF_SCENE:
         return None
-    if selection.all():
+    if (selection | scene.blank).all():
         return "The object is the whole file, so the scene without it is empty. To cut out a part, select that part."
     rest = scene.means[~selection]
     if len(rest) < _MIN_JUDGED or median_radius(rest) > _LARGEST_REST * median_radius(scene.means[selection]):
@@ -133,7 +133,7 @@ def neighbour_agreement(scene: Gaussians, selection: BoolArray) -> float:
 
 
 def _scatter(scene: Gaussians, selection: BoolArray) -> str | None:
-    if selection.all() or selection.sum() < _MIN_JUDGED or len(scene) <= 2 * _NEIGHBOURS:
+    if (selection | scene.blank).all() or selection.sum() < _MIN_JUDGED or len(scene) <= 2 * _NEIGHBOURS:
         return None
     agreement = neighbour_agreement(scene, selection)
     if agreement >= _MIN_AGREEMENT:
