@@ -145,7 +145,7 @@ class Jobs:
         if (now := self.session.glance()) is None:
             return
         views = now.object.fresh if self.panels.views.value else None
-        shown = {"up": now.up, "views": views, "state": now}
+        shown: dict[str, object] = {"up": now.up, "views": views, "state": now}
         new = [what for what, state in shown.items() if self._shown.get(what) is not state]
         self._shown = shown
         if "up" in new:
