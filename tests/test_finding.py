@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shlex
 
 import made_room as room
 import numpy as np
@@ -204,6 +205,19 @@ def test_the_command_writes_labels_table_and_page_and_trims(furnished, tmp_path,
         "object_1.ply", "object_3.ply", "background.ply",
     }  # fmt: skip
     assert json.loads(capsys.readouterr().out)["folder"] == str(tmp_path / "trimmed")
+
+
+def test_a_command_that_finds_what_is_left_of_the_objects_is_printed(furnished, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    room.save(furnished[0], CAMERAS, tmp_path)
+    quick = ["--views", 2, "--set", "plan.size=96", "--refine", "off"]
+    assert run("objects", "scene.ply", "--cameras", "cameras.json", "--keep", 1, "--trim", "cut_out", *quick) == 0
+    *_, line = capsys.readouterr().out.replace("\n", " ").split("To find what is left of them: ")
+    program, *words = shlex.split(line)
+    assert (program, words[:2]) == ("gaussian-trimmer", ["objects", "cut_out/background.ply"])
+    assert run(*words, "--json") == 0
+    left = json.loads(capsys.readouterr().out)["objects"]
+    assert sum(one["sure"] for one in left) == 2
 
 
 def test_an_up_vector_that_was_found_for_the_scene_is_that_of_its_trims(furnished, tmp_path):

@@ -113,7 +113,12 @@ def run(arguments: Namespace) -> int:
         words = words_again("trim", arguments, labels=labels, objects=tuple(objects), up=known_up)
     inputs = {"scene": scene_file, "labels": labels, "cameras": arguments.cameras}
     request = Request(scene, cameras, objects, words, inputs, up=up)
-    return trim_into(arguments.trim, arguments, console, lambda: request, files=[scene_file])
+    code = trim_into(arguments.trim, arguments, console, lambda: request, files=[scene_file])
+    rest = arguments.trim / "background.ply"
+    if code == 0 and rest.exists():
+        look = words_again("objects", arguments, **nothing, scene=rest, trim=None, level=None, up=known_up)
+        console.print(f"To find what is left of them: {shlex.join([PROGRAM, *look])}")
+    return code
 
 
 def _batch_row(arguments: Namespace, numbers: list[str], folder: Path, up: UpVector) -> dict[str, str]:
