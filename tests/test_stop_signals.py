@@ -113,3 +113,17 @@ def test_a_ray_that_does_not_start_is_a_sentence_with_its_cure(monkeypatch, addr
     monkeypatch.setitem(sys.modules, "ray", SimpleNamespace(init=init, shutdown=lambda: None))
     with pytest.raises(InputError, match=rf"No Ray cluster .* \(timed out\)\. .*{cure}$"), _cluster(address, None):
         pass
+
+
+def test_a_signal_while_ray_ends_does_not_interrupt_that(monkeypatch):
+    happened = []
+
+    def shutdown():
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(0.2)
+        happened.append("shut down")
+
+    monkeypatch.setitem(sys.modules, "ray", SimpleNamespace(init=lambda **options: None, shutdown=shutdown))
+    with stop_signals_raised(), pytest.raises(Stopped), _cluster(None, None):
+        pass
+    assert happened == ["shut down"]

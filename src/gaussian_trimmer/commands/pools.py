@@ -175,4 +175,4 @@ def _cluster(address: str | None, workers: int | None) -> Iterator[Any]:
             raise InputError(f"No Ray cluster {place} ({' '.join(str(error).split())[:300]}). {cure}") from error
         finally:
             wait([starting])  # a signal may have come while it started
-            ray.shutdown()
+            thread.submit(ray.shutdown).result()  # interrupted half-way, Ray would end the process with code 1
