@@ -11,9 +11,11 @@ from gaussian_trimmer.gaussians import SH_C0, concatenate
 from gaussian_trimmer.geometry.bounds import own_frame, robust_bounds
 from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.output.saving import save
-from gaussian_trimmer.removal.gaps import close_gaps, continued
+from gaussian_trimmer.removal.gaps import close_gaps
+from gaussian_trimmer.removal.inpainting import continued, where_it_is
 from gaussian_trimmer.removal.remove import CLOSED
-from gaussian_trimmer.removal.views import RemovalViews
+from gaussian_trimmer.removal.surface_picture import SurfacePicture
+from gaussian_trimmer.removal.views import RemovalViews, Surface
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.trimming.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
@@ -137,6 +139,20 @@ def test_a_gap_far_behind_is_closed_only_if_most_views_see_it_hidden_by_the_obje
     bounds = robust_bounds(ball, own_frame(ball, toy.UP))
     views = RemovalViews(scene, truth, truth, bounds, [], observing=cameras)
     assert (len(close_gaps(views, far)) > 100) == closed
+
+
+def test_a_small_spot_of_emptiness_beside_a_hole_leaves_no_more_than_itself_open():
+    hole, empty, doorway = (np.zeros((128, 128), bool) for _ in range(3))
+    hole[30:90, 30:90], empty[22:30, 50:58], doorway[:, 90:] = True, True, True
+    surface = Surface(np.zeros(3), np.eye(3), 1.0)
+
+    def open_in(empty):
+        known = ~(hole | empty)
+        picture = SurfacePicture(surface, np.zeros((128, 128, 3), np.float32), known, empty, hole)
+        return np.count_nonzero(hole & ~where_it_is(picture, hole))
+
+    assert 0 < open_in(empty) < np.count_nonzero(empty)
+    assert 0.2 * hole.sum() < open_in(doorway) < 0.5 * hole.sum()
 
 
 def test_the_middle_of_a_frame_is_harmonic():

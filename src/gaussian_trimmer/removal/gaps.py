@@ -17,7 +17,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, concatenate
-from gaussian_trimmer.removal.inpainting import made_up
+from gaussian_trimmer.removal.inpainting import continued, made_up
 from gaussian_trimmer.removal.shift_map import inpaint_shift_map, shifted
 from gaussian_trimmer.removal.views import RemovalViews, points_at
 from gaussian_trimmer.rendering import Rendering, render
@@ -201,33 +201,3 @@ def _met(known: BoolArray, hole: BoolArray, right: int, down: int) -> BoolArray:
         if np.array_equal(farther, met):
             return met & hole
         met = farther
-
-
-def continued(image: Float64Array, known: BoolArray, hole: BoolArray) -> Float64Array:
-    """Return an image (H, W) in which a hole is harmonic: each of its pixels is the mean of those beside it.
-
-    Args:
-        image: the values.
-        known: pixels that count, (H, W); others than these and the hole are left out.
-        hole: pixels to be filled, (H, W), none of them known. Zero where nothing known is beside it.
-    """
-    from scipy.sparse import csr_array, diags_array
-    from scipy.sparse.linalg import spsolve
-
-    n, number, inside = np.count_nonzero(hole), np.full(hole.shape, -1), known | hole
-    number[hole] = np.arange(n)
-    first, last, every = slice(None, -1), slice(1, None), slice(None)
-    count, sums, links = np.full(n, 1e-9), np.zeros(n), []
-    for here, there in [((first, every), (last, every)), ((every, first), (every, last))]:
-        for one, other in [(here, there), (there, here)]:
-            beside = hole[one] & inside[other]
-            rows, others = number[one][beside], number[other][beside]
-            rim = others < 0
-            count += np.bincount(rows, minlength=n)
-            sums += np.bincount(rows[rim], image[other][beside][rim], minlength=n)
-            links.append([rows[~rim], others[~rim]])
-    rows, columns = np.concatenate(links, axis=1)
-    matrix = diags_array(count) - csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
-    filled = image.copy()
-    filled[hole] = spsolve(matrix.tocsc(), sums)
-    return filled

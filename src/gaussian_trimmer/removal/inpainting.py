@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,7 +25,7 @@ from gaussian_trimmer.removal.relief import copy_relief
 from gaussian_trimmer.removal.shift_map import inpaint_shift_map
 from gaussian_trimmer.removal.surface_picture import PIXELS_A_RADIUS, SurfacePicture, take_picture
 from gaussian_trimmer.removal.views import THICKNESS_RADII, RemovalViews, Surface
-from gaussian_trimmer.views.view import HALF_COVERAGE, grown
+from gaussian_trimmer.views.view import HALF, grown
 
 _RIM_PIXELS = 4
 """Pixels around a hole that are filled, too, since their colours are already those of the object."""
@@ -70,7 +69,7 @@ def inpaint_surfaces(
             continue
         hole = grown(picture.hole, _RIM_PIXELS) & ~picture.empty
         rgb, relight = inpaint_shift_map(picture.rgb, picture.known, hole)
-        hole &= _where_it_is(picture, hole)
+        hole &= where_it_is(picture, hole)
         relief = copy_relief(gaussians, background & visible, picture, surfaces, hole, rgb, relight)
         copies, low, high = relief or (gaussians.select(slice(0)), -_SINK_RADII, 0.0)
         new.append(copies)
@@ -85,13 +84,42 @@ def inpaint_surfaces(
     return concatenate(new), replaced, np.where(replaced | (factor < _LEAST_RELIGHT_FACTOR), 1, factor)
 
 
-def _where_it_is(picture: SurfacePicture, hole: BoolArray) -> BoolArray:
-    """Return where in a hole the surface goes on rather than ends, as it does around it, (P, P)."""
-    unknown = (hole | ~(picture.known | picture.empty)).astype(np.uint8)
-    ends = np.where(picture.empty, 0, 255).astype(np.uint8)
+def where_it_is(picture: SurfacePicture, hole: BoolArray) -> BoolArray:
+    """Return where in a hole (P, P) the surface goes on rather than ends, as most of what is around it does, (P, P)."""
     if not picture.empty.any():
         return np.ones_like(hole)
-    return np.asarray(cv2.inpaint(ends, unknown, 3, cv2.INPAINT_TELEA) > HALF_COVERAGE)
+    around = (picture.known | picture.empty) & ~hole
+    return np.asarray(continued(picture.empty.astype(np.float64), around, hole) <= HALF)
+
+
+def continued(image: Float64Array, known: BoolArray, hole: BoolArray) -> Float64Array:
+    """Return an image (H, W) in which a hole is harmonic: each of its pixels is the mean of those beside it.
+
+    Args:
+        image: the values.
+        known: pixels that count, (H, W); others than these and the hole are left out.
+        hole: pixels to be filled, (H, W), none of them known. Zero where nothing known is beside it.
+    """
+    from scipy.sparse import csr_array, diags_array
+    from scipy.sparse.linalg import spsolve
+
+    n, number, inside = np.count_nonzero(hole), np.full(hole.shape, -1), known | hole
+    number[hole] = np.arange(n)
+    first, last, every = slice(None, -1), slice(1, None), slice(None)
+    count, sums, links = np.full(n, 1e-9), np.zeros(n), []
+    for here, there in [((first, every), (last, every)), ((every, first), (every, last))]:
+        for one, other in [(here, there), (there, here)]:
+            beside = hole[one] & inside[other]
+            rows, others = number[one][beside], number[other][beside]
+            rim = others < 0
+            count += np.bincount(rows, minlength=n)
+            sums += np.bincount(rows[rim], image[other][beside][rim], minlength=n)
+            links.append([rows[~rim], others[~rim]])
+    rows, columns = np.concatenate(links, axis=1)
+    matrix = diags_array(count) - csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
+    filled = image.copy()
+    filled[hole] = spsolve(matrix.tocsc(), sums)
+    return filled
 
 
 def _new_gaussians(picture: SurfacePicture, hole: BoolArray, rgb: FloatArray, sink: float, rest: int) -> Gaussians:
