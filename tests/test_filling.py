@@ -152,7 +152,7 @@ def test_a_small_spot_of_emptiness_beside_a_hole_leaves_no_more_than_itself_open
         return np.count_nonzero(hole & ~where_it_is(picture, hole))
 
     assert 0 < open_in(empty) < np.count_nonzero(empty)
-    assert 0.2 * hole.sum() < open_in(doorway) < 0.5 * hole.sum()
+    assert 0.1 * hole.sum() < open_in(doorway) < 0.25 * hole.sum()  # one of four sides
 
 
 def test_the_middle_of_a_frame_is_harmonic():
