@@ -80,6 +80,7 @@ def test_the_side_is_named_from_which_much_of_a_selection_was_taken():
     assert "at its foot" in shrunk_side(part, positions, foot)
     assert "at its top" in shrunk_side(part, positions, heights > np.quantile(heights, 0.85))
     assert shrunk_side(part, positions, np.zeros_like(foot)) is None
+    assert shrunk_side(part, positions, heights < np.quantile(heights, 0.08)) is None  # crumbs
     assert shrunk_side(part, positions, foot & (np.arange(len(foot)) % 4 == 0)) is None
     assert shrunk_side(replace(part, refused="bad"), positions, foot) is None
 

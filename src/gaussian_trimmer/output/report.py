@@ -24,7 +24,7 @@ _MAX_PITCH_DEGREES = 80.0
 """Pitch in degrees beyond which a view shows the top or the underside, and no side."""
 _ALL_AROUND_DEGREES = 350
 """Degrees from which on nothing is called unseen."""
-_SHRUNK_SHARE, _SHRUNK_LEAST = 0.3, 0.02
+_SHRUNK_SHARE, _SHRUNK_LEAST = 0.3, 0.1
 """Share of a side's selected Gaussians, and of all that are selected, from which on it is said that they are gone."""
 _SIDES = ("at 0 degrees", "at 180 degrees", "at 90 degrees", "at 270 degrees", "at its top", "at its foot")
 """The ends of the axes of an object's bounds; degrees of yaw as in the pictures."""
