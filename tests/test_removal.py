@@ -13,7 +13,7 @@ from gaussian_trimmer.geometry.bounds import own_frame, robust_bounds
 from gaussian_trimmer.masks.mask_files import find_masks
 from gaussian_trimmer.removal.remove import remove
 from gaussian_trimmer.removal.views import RemovalViews
-from gaussian_trimmer.rendering import render
+from gaussian_trimmer.rendering import blend_values, render
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views.small_views import views_of_place
 from gaussian_trimmer.views.view import grown
@@ -69,6 +69,16 @@ def test_what_was_pruned_leaves_where_it_lies_among_the_object_and_stays_where_i
         assert not removal.discarded[stays].all()
         assert removal.discarded[pruned_of_ball].all() == (pruned is not None)
     assert not removal.discarded[alone].any()
+
+
+def test_what_masks_leave_out_of_a_selection_stays_in_the_scene():
+    scene, first, second = toy.two_balls(shift=(2.1, 0, 0))
+    turns = np.radians(np.arange(0, 360, 40))
+    cameras = [toy.camera_at((8 * np.cos(turn), 8 * np.sin(turn), 4), size=120) for turn in turns]
+    masks = [(camera, blend_values(scene, camera, first[:, None])[..., 0] > 0.5) for camera in cameras]
+    result = trim(scene, first | second, masks=masks, up="z")
+    assert np.isin(np.flatnonzero(first), result.objects[0].source_index).mean() > 0.85
+    assert np.isin(np.flatnonzero(second), result.background_source).mean() > 0.9
 
 
 OBJECTS = "fern", "lighthouse", "mug", "robot"

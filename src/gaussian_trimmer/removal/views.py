@@ -93,7 +93,7 @@ class RemovalViews:
     beyond: Callable[[Sequence[Camera]], Gaussians] | None = None
     """Returns what cameras show of the rest of the scene; None if there is no rest."""
     pruned: BoolArray | None = None
-    """Gaussians that are selected and labelled as the object's, but stick out of it when it is alone, (N,)."""
+    """Selected Gaussians that are not the object's only since they stick out of it when it is alone, (N,)."""
     projected: dict[int, Projection] = field(default_factory=dict)
     """Everything in the views of some cameras, by these: which of it is the object makes no difference."""
     counted: dict[tuple[Surface, ...], list[IntArray]] = field(default_factory=dict, init=False)
@@ -181,7 +181,7 @@ def views_around(
     up: Float64Array,
     cameras: Sequence[Camera],
     size: int,
-    pruned: BoolArray,
+    pruned: BoolArray | None,
 ) -> RemovalViews:
     """Return small views of an object and of what is around it.
 
@@ -194,7 +194,7 @@ def views_around(
         up: the up vector, (3,).
         cameras: views from where the object was seen.
         size: width and height of the views in pixels.
-        pruned: those of the N that were pruned from the object, (N,).
+        pruned: those of the N that were pruned from the object, (N,); None where it is not known.
     """
     of_object = owner[rows] == number
     target = gaussians.select(of_object)

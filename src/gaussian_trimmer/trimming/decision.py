@@ -53,6 +53,8 @@ class Decision:
     """Small views of the object; None if it is left as it was."""
     members: BoolArray | None = None
     """Which Gaussians of the crop belong to it, whole or in part, (L,); None if the selection is left as it was."""
+    pruned: BoolArray | None = None
+    """Which of the selected ones pruning took from it, (L,); None where masks decide, or as `members`."""
     before_strokes: BoolArray | None = None
     """Which did before strokes on its cut-out settled some, (L,); None if none did."""
     cut: CutGaussians | None = None
@@ -102,7 +104,8 @@ class Decision:
         outline = self.outline and replace(self.outline, projected={})  # of the crop as it was
         probability = None if self.probability is None else among_all(self.probability)
         decided = replace(self, rough=rough, crop=crop, outline=outline, probability=probability)
-        return replace(decided, members=members, before_strokes=among_all(self.members), cut=cut)
+        pruned = None if self.pruned is None else among_all(self.pruned) & ~touched
+        return replace(decided, members=members, pruned=pruned, before_strokes=among_all(self.members), cut=cut)
 
     def without_pictures(self) -> Decision:
         """Return the same in little memory: neither Gaussians nor pixels are kept."""
@@ -163,13 +166,15 @@ def _decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
         positions, weights = crop.local.means / np.float32(crop.bounds.radius), visible.astype(np.float64)
         plane = find_support_plane(positions, members, weights, crop.bounds, config.label_crf.support_plane)
         outline = _outline_views(setup, crop, [view for view in views if not view.rejected], plane)
+        decided = members
         if config.evidence.min_in_place > 0:
             members = prune(crop.local, members, crop.selected, outline, config.evidence.min_in_place, cut)
+        pruned = None if setup.masks else decided & crop.selected & ~members  # masks may tell that it is another's
     refused = excessive_loss(crop.selected, members, visible, visible_alone, config.acceptance)
     if refused:
         return decision(refused=refused)
     cut = cut and cut.select(members[cut.rows])
-    return decision(outline=outline, members=members, cut=cut, probability=probability)
+    return decision(outline=outline, members=members, pruned=pruned, cut=cut, probability=probability)
 
 
 def look(setup: Setup, rough: RoughObject) -> tuple[list[View], Gaussians]:

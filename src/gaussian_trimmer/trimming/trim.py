@@ -21,7 +21,7 @@ from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.decision import Decision, decide_all, look
 from gaussian_trimmer.trimming.result import THE_OBJECT, TrimResult
 from gaussian_trimmer.trimming.up_vector import UpVector
-from gaussian_trimmer.views.view import HALF, View
+from gaussian_trimmer.views.view import View
 
 
 def trim(
@@ -155,6 +155,6 @@ def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) ->
     if decision.members is None or not (owner[crop.rows] == number).any():
         return None
     up, size = crop.bounds.axes[2], config.refinement.size
-    pruned = crop.selected & (decision.share > HALF) & ~decision.members & (owner[crop.rows] == 0)
+    pruned = None if decision.pruned is None else decision.pruned & (owner[crop.rows] == 0)
     views = views_around(setup.scene, crop.local, crop.rows, owner, number, up, crop.cameras, size, pruned)
     return remove(views, fill=config.background == "filled", with_standing=config.with_what_stands_on_it)
