@@ -86,7 +86,7 @@ def inpaint_surfaces(
 
 def where_it_is(picture: SurfacePicture, hole: BoolArray) -> BoolArray:
     """Return where in a hole (P, P) the surface goes on rather than ends, as most of what is around it does, (P, P)."""
-    if not picture.empty.any():
+    if not (grown(hole, 1) & picture.empty).any():
         return np.ones_like(hole)
     around = (picture.known | picture.empty) & ~hole
     return np.asarray(continued(picture.empty.astype(np.float64), around, hole) <= HALF)
