@@ -129,12 +129,12 @@ def _find_fragments(views: RemovalViews, interior: BoolArray, there: BoolArray) 
 
 
 def _find_pruned(views: RemovalViews, interior: BoolArray) -> BoolArray:
-    """Return what was pruned from the object and lies among what is its own or was pruned, too, (N,)."""
+    """Return what was pruned from the object and lies mostly among what is its own or was pruned, too, (N,)."""
     if views.pruned is None:
         return np.zeros_like(interior)
-    pruned = views.pruned & ~views.removed
-    own = _share_of_neighbours(views, views.of_object | interior | pruned, np.flatnonzero(pruned)) > HALF
-    return mask_of_rows(np.flatnonzero(pruned)[own], len(pruned))
+    rows = np.flatnonzero(views.pruned & ~views.removed)
+    ours = _share_of_neighbours(views, views.of_object | interior | views.pruned, rows) > HALF
+    return mask_of_rows(rows[ours], len(interior))
 
 
 def _share_of_neighbours(views: RemovalViews, counted: BoolArray, rows: IntArray) -> Float64Array:

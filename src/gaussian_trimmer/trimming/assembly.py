@@ -12,7 +12,7 @@ from gaussian_trimmer.gaussians import Gaussians, IntArray, LabelArray, concaten
 from gaussian_trimmer.geometry.graphs import nearest
 from gaussian_trimmer.removal.inpainting import scale_radiance
 from gaussian_trimmer.removal.remove import Removal
-from gaussian_trimmer.trimming.arguments import Setup
+from gaussian_trimmer.trimming.arguments import Setup, StrokeCut
 from gaussian_trimmer.trimming.clock import LOG
 from gaussian_trimmer.trimming.decision import Decision
 from gaussian_trimmer.trimming.refinement import Pieces, refine
@@ -83,28 +83,18 @@ def assemble_object(setup: Setup, owner: LabelArray, decision: Decision, number:
     if decision.before_strokes is not None:
         own = np.where(np.isin(rows, rough.touched), decision.before_strokes, own)
     pieces, cut_off = _split(decision, setup.scene, rows[own])
-    beside = ~own & ~setup.scene.blank[rows]
     outline = decision.outline if setup.config.refine == "fit" else None
     if outline is not None and decision.cut is not None:
         around = concatenate([crop.local.select(~own), cut_off.gaussians])
         renders = outline.render(pieces.gaussians, around, colours=True)
         pieces, not_fitted = refine(pieces, renders, setup.config.refinement)
-    elif outline is not None and not beside.any():
+    elif outline is not None and (own | setup.scene.blank[rows]).all():
         not_fitted = "nothing lies around the object"
     elif outline is not None:
         pieces, not_fitted = refine(pieces, outline.render_part(crop.local, own, colours=True), setup.config.refinement)
-    taken, added = (np.isin(pieces.source, rows[own & ~finally_own]), rows[finally_own & ~own])
-    pieces, gone = pieces.select(np.flatnonzero(~taken)), pieces.select(np.flatnonzero(taken))
-    cut_off = cut_off.select(np.flatnonzero(~np.isin(cut_off.source, gone.source)))
-    if len(added):
-        pieces = pieces.followed_by(Pieces.of(setup.scene.select(added), added))
-        pieces = pieces.select(np.lexsort((np.where(pieces.part, 0, pieces.source), pieces.part)))
-    for cut in rough.cuts:
-        from gaussian_trimmer.trimming.straddlers import cut_at_stroke  # late, since hardly anybody draws a stroke
-
-        hiding = gone.gaussians.select(np.flatnonzero(cut.taken[gone.source]))
-        pieces, fallen = cut_at_stroke(pieces, cut, hiding)
-        cut_off = cut_off.followed_by(fallen)
+    if rough.cuts or decision.before_strokes is not None:
+        taken, added = rows[own & ~finally_own], rows[finally_own & ~own]
+        pieces, cut_off = _after_strokes(setup.scene, rough.cuts, taken, added, pieces, cut_off)
     unsplit = np.where(np.isin(pieces.source, rough.rows), RowLabel.KEPT, RowLabel.ADDED)
     if decision.refused:
         LOG.info("not trimmed: %s", decision.refused)
@@ -142,6 +132,38 @@ def _split(decision: Decision, scene: Gaussians, rows: IntArray) -> tuple[Pieces
     inner = Pieces.of(cut.inner.select(kept), split[kept], part=True)
     outer = nothing if cut.outer is None else Pieces.of(cut.outer.select(kept), split[kept], part=True)
     return Pieces.of(scene.select(whole), whole).followed_by(inner), outer
+
+
+def _after_strokes(
+    scene: Gaussians,
+    cuts: Sequence[StrokeCut],
+    taken: IntArray,
+    added: IntArray,
+    pieces: Pieces,
+    cut_off: Pieces,
+) -> tuple[Pieces, Pieces]:
+    """Return an object's pieces, and what was cut off from it, as strokes leave them.
+
+    Args:
+        scene: all Gaussians.
+        cuts: strokes at which it is cut.
+        taken: scene rows of what strokes on its cut-out took away whole.
+        added: scene rows of what they put back.
+        pieces, cut_off: the object before the strokes, and what was cut off from it.
+    """
+    gone = np.isin(pieces.source, taken)
+    hiding, pieces = pieces.select(np.flatnonzero(gone)), pieces.select(np.flatnonzero(~gone))
+    cut_off = cut_off.select(np.flatnonzero(~np.isin(cut_off.source, taken)))
+    if len(added):
+        pieces = pieces.followed_by(Pieces.of(scene.select(added), added))
+        pieces = pieces.select(np.lexsort((np.where(pieces.part, 0, pieces.source), pieces.part)))
+    for cut in cuts:
+        from gaussian_trimmer.trimming.straddlers import cut_at_stroke  # late, since hardly anybody draws a stroke
+
+        before = hiding.gaussians.select(np.flatnonzero(cut.taken[hiding.source]))
+        pieces, fallen = cut_at_stroke(pieces, cut, before)
+        cut_off = cut_off.followed_by(fallen)
+    return pieces, cut_off
 
 
 def assemble_result(
