@@ -3,8 +3,9 @@
     python benchmarks/baselines.py SCENE [SCENE ...] [--sam-model DIR | --masks DIR] [--format latex] [--output DIR]
 
 SCENE is a benchmark scene (see benchmark_scenes.py). Masks of ten training views are made by a model of the SAM family
-in what the scene shows there, prompted by the bounds of the true mask; or they are those of --masks DIR/<object>/, or
-else the scene's own. The methods are those of other programs, written anew after their papers and code:
+in what the scene shows there, prompted by the bounds of the true mask: of what it proposes, the mask that fills them
+best is taken. Or they are those of --masks DIR/<object>/, or else the scene's own. The methods are those of other
+programs, written anew after their papers and code:
 
     FlashSplat          the optimal assignment of blend weights to two labels, where these are a pixel at least
     SAGD                centres within the masks of more than 0.7 of the views
@@ -37,11 +38,12 @@ from gaussian_trimmer.evaluation.tables import MADE_BY, Cell, ScoreTable, interv
 from gaussian_trimmer.evaluation.trials import Run, Trial, measure
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, concatenate, rotation_matrices
 from gaussian_trimmer.geometry.split import AXIS_LENGTH, SAGD_SHRINKAGE, split_plane
+from gaussian_trimmer.masks.sam import agreement
 from gaussian_trimmer.masks.sam_onnx import OnnxSam, Prompt
 from gaussian_trimmer.rendering import render
 from gaussian_trimmer.selecting.lifting import sum_label_weights
 from gaussian_trimmer.surface.visible_surface import evenly_spread
-from gaussian_trimmer.views.view import bounding_box
+from gaussian_trimmer.views.view import bounding_box, box_slices
 
 VOTES = 0.7
 SEEN = 1.0
@@ -163,8 +165,10 @@ def lifted_trials(options: Namespace, overlaps: list[float]) -> Iterator[Trial]:
                 truth = scene.coverage(name, camera.name) > 0.5
                 mask = truth
                 if model is not None and truth.any():
-                    found, scores = model.propose(render(scene.gaussians, camera).rgb, Prompt(bounding_box(truth)))
-                    mask = found[int(np.argmax(scores))] > 0
+                    prompt, in_box = Prompt(bounding_box(truth)), np.zeros(truth.shape, np.float32)
+                    in_box[box_slices(prompt.box)] = 1
+                    found = model.propose(render(scene.gaussians, camera).rgb, prompt) > 0
+                    mask = found[int(np.argmax([agreement(one, in_box) for one in found]))]
                 elif options.masks is not None:
                     mask = read_mask(options.masks / name / camera.name) > 0.5
                 masks.append(np.asarray(mask))

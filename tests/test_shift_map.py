@@ -45,6 +45,14 @@ def test_something_foreign_nearby_is_not_copied():
     assert np.abs(rgb[HOLE] - WHITE).max() < 0.1
 
 
+def test_a_spot_amid_what_is_unknown_is_not_repeated_in_the_hole():
+    truth, known = PLAIN.copy(), ROWS < 56
+    spot = (abs(ROWS - 76) < 4) & (abs(COLUMNS - 78) < 4)
+    truth[spot] = BLUE
+    rgb, _ = inpaint_shift_map(without_hole(truth), known | spot, HOLE)
+    assert np.abs(rgb[HOLE] - WHITE).max() < 0.1
+
+
 @pytest.mark.parametrize("truth", [PLAIN, STRIPES], ids=["plain", "stripes"])
 def test_most_of_a_shadow_around_the_hole_is_taken_away(truth):
     distance = np.maximum(abs(ROWS - 70), abs(COLUMNS - 60)) - 14

@@ -141,7 +141,7 @@ def _filled(rgb: FloatArray, examples: BoolArray, hole: BoolArray, ring_width: i
     if not around.any():
         return _smoothed_into(rgb, examples, hole)
     rgb = np.where(examples[..., None], rgb, rgb[around].mean(axis=0)).astype(np.float32)
-    examples = examples & of_usual_colour(rgb, around)
+    examples = _in_large_pieces(examples & of_usual_colour(rgb, around))
     left = hole.copy()
     for _ in range(MAX_ROUNDS):
         ring = examples & grown(left, ring_width)
@@ -152,6 +152,14 @@ def _filled(rgb: FloatArray, examples: BoolArray, hole: BoolArray, ring_width: i
         if not done.any():
             break
     return _smoothed_into(rgb, examples, left)
+
+
+def _in_large_pieces(examples: BoolArray) -> BoolArray:
+    """Return examples (H, W) without pieces of too few pixels to go by, which shifts would repeat side by side."""
+    _, pieces, boxes, _ = cv2.connectedComponentsWithStats(examples.astype(np.uint8))
+    large = boxes[:, cv2.CC_STAT_AREA] >= _FEWEST_PIXELS
+    large[0] = False  # the rest of the picture
+    return np.asarray(large[pieces]) if large.any() else examples
 
 
 def _fill_by_shifts(rgb: FloatArray, examples: BoolArray, ring: BoolArray, hole: BoolArray) -> BoolArray:
