@@ -94,7 +94,7 @@ class RemovalViews:
     """Returns what cameras show of the rest of the scene; None if there is no rest."""
     pruned: BoolArray | None = None
     """Selected Gaussians that are not the object's only since they stick out of it when it is alone, (N,)."""
-    projected: dict[int, Projection] = field(default_factory=dict)
+    projected: dict[tuple[Camera, ...], Projection] = field(default_factory=dict)
     """Everything in the views of some cameras, by these: which of it is the object makes no difference."""
     counted: dict[tuple[Surface, ...], list[IntArray]] = field(default_factory=dict, init=False)
     """How views see a surface among others, which is asked when it is found and when its picture is taken."""
@@ -112,9 +112,10 @@ class RemovalViews:
     @property
     def projection(self) -> Projection:
         """Everything in the views."""
-        if id(self.cameras) not in self.projected:
-            self.projected[id(self.cameras)] = project_views(self.gaussians, self.cameras, colours=False)
-        return self.projected[id(self.cameras)]
+        cameras = tuple(self.cameras)
+        if cameras not in self.projected:
+            self.projected[cameras] = project_views(self.gaussians, cameras, colours=False)
+        return self.projected[cameras]
 
     @cached_property
     def alone(self) -> Drawing:
