@@ -135,9 +135,9 @@ def first_run(wait: Wait) -> Figures:
 
 def command(wait: Wait) -> Figures:
     selection = wait.file(f"{wait.object}.npy", partial(_save_selection, wait, ""))
-    root, output = Path(wait.root), Path(wait.folder) / "trimmed"
+    root, output = Path(wait.root), Path(tempfile.mkdtemp(dir=wait.folder)) / "trimmed"
     return _run("trim", root / "scene.ply", selection, "--cameras", root / "cameras.json", "--output", output,
-                "--overwrite", "--quiet")  # fmt: skip
+                "--quiet")  # fmt: skip
 
 
 def trim(wait: Wait, **settings: Any) -> Figures:
