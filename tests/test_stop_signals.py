@@ -26,6 +26,7 @@ from gaussian_trimmer import cli
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.folders import atomic_folder
 from gaussian_trimmer.io.writing import atomic_file
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # where the tests run under nohup, it is ignored
 def command(_):
     with atomic_folder(Path(sys.argv[2]), "test") as folder, atomic_file(folder / "file"):
         {body}
