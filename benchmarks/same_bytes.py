@@ -49,7 +49,8 @@ def commands(root: Path, scratch: Path) -> Iterator[tuple[str, list[str]]]:
         given = ["--cameras", str(root / scene / "cameras.json")]
         yield f"{scene} several", ["trim", str(root / scene / "scene.ply"), "--labels", str(labels), *given]
     for scene in FOUND:
-        yield f"{scene} objects", ["objects", str(root / scene), "--trim"]
+        cameras = ["--cameras", str(root / scene / "cameras.json")]  # nothing is sure while up is a guess
+        yield f"{scene} objects", ["objects", str(root / scene), *cameras, "--trim"]
     for name in CLICKS:
         view, x, y = _click(root, name)
         folder = root / name.split("/")[0]
