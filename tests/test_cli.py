@@ -415,6 +415,7 @@ def test_overview_names_every_command_and_the_version(capsys):
         (KeyboardInterrupt(), 130, ""),
         (OSError(28, "No space left on device", "/disk/object.ply"), 2, "No space left on device: '/disk/object.ply'"),
         (MemoryError(), 2, "not enough memory"),
+        (RuntimeError("can't start new thread"), 2, "not enough memory for another thread"),
     ],
 )
 def test_what_stops_a_run_ends_in_a_code_and_a_sentence(error, code, said, monkeypatch, ball, tmp_path, capsys):

@@ -56,9 +56,10 @@ import numpy as np
 import test_extreme_values
 test_extreme_values.draw_extreme_scenes()
 from gaussian_trimmer.rendering.projection_kernels import Tiles, bin_gaussians
-tiles = Tiles(0, np.array([0, 1]), np.zeros(1, np.int32), np.zeros((1, 2), np.uint8), 16, 16)
+places = np.array([[0, 0, 16, 16]])
+tiles = Tiles(0, np.array([0, 1]), np.zeros(1, np.int32), np.zeros((1, 2), np.uint8), places)
 try:
-    bin_gaussians(np.zeros((2, 3), np.float32), tiles, np.array([0]), 0, 1)
+    bin_gaussians(np.zeros((2, 3), np.float32), 0, (0, 1, 1, 16), tiles, np.array([0]), 0, 1)
 except IndexError:
     print("done")
 """

@@ -83,6 +83,8 @@ def user_message(error: BaseException) -> str | None:
             return f"{error.strerror or error}{place}."
         case MemoryError():
             return "There is not enough memory for this."
+        case RuntimeError() if "can't start new thread" in str(error):
+            return "There is not enough memory for another thread, or the system allows no more; end other programs."
     return None
 
 
