@@ -229,7 +229,8 @@ def test_a_worker_without_memory_makes_an_item_whole_or_not_at_all(tmp_path):
             assert "A worker process died; the machine may have run out of memory." in str(error)
             remove_leftovers(folder)
             said = "died"
-        assert said in ("", "died") or "memory" in said, said
+        # Some compiled libraries return without memory and do not say why.
+        assert said in ("", "died") or "memory" in said or "SystemError" in said, said
         ends[megabytes] = said
         made = sorted(path.name for path in folder.glob("*"))
         assert "object.ply" in made and "manifest.json" in made if not said else made == [], (megabytes, said)
