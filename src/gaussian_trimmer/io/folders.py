@@ -223,8 +223,9 @@ def _end(target: Path, run: Mapping[str, Any]) -> bool:
             "and run again."
         ) from error
     shutil.rmtree(target / staging, ignore_errors=True)
-    with suppress(OSError, InputError):
-        _journal_of(target).unlink()
+    if not (target / staging).exists():  # what could not be removed, say for lack of memory, the next run removes
+        with suppress(OSError, InputError):
+            _journal_of(target).unlink()
     _remove_empty_parents(target, (name for move in moves for name in move[:2] if not name.startswith(staging)))
     return complete
 
