@@ -37,7 +37,7 @@ CLICKS = {"tabletop/robot": "", "scene0/bottle": "", "touching/banana": ""}
 def commands(root: Path, scratch: Path) -> Iterator[tuple[str, list[str]]]:
     """Yield the name and the arguments of each trim, without its output."""
     for name in [*DENSE, *TABLETOP, *SPARSE, *WALLS, *PARTS, *OTHERS]:
-        yield name, [*_trim(root, name), "--cameras", str(root / name.split("/")[0] / "cameras.json")]
+        yield name, [*_trim(root, name), *_cameras(root / name.split("/")[0])]
     for name in WITHOUT_CAMERAS:
         copy = scratch / f"{name.split('/')[0]}.ply"
         if not copy.is_file():
@@ -46,16 +46,20 @@ def commands(root: Path, scratch: Path) -> Iterator[tuple[str, list[str]]]:
     for scene, objects in SEVERAL.items():
         labels = scratch / f"{scene}-labels.npy"
         np.save(labels, _labels(root / scene, objects))
-        given = ["--cameras", str(root / scene / "cameras.json")]
-        yield f"{scene} several", ["trim", str(root / scene / "scene.ply"), "--labels", str(labels), *given]
+        words = ["trim", str(root / scene / "scene.ply"), "--labels", str(labels)]
+        yield f"{scene} several", [*words, *_cameras(root / scene)]
     for scene in FOUND:
-        cameras = ["--cameras", str(root / scene / "cameras.json")]  # nothing is sure while up is a guess
-        yield f"{scene} objects", ["objects", str(root / scene), *cameras, "--trim"]
+        # Nothing is sure while up is a guess.
+        yield f"{scene} objects", ["objects", str(root / scene), *_cameras(root / scene), "--trim"]
     for name in CLICKS:
         view, x, y = _click(root, name)
         folder = root / name.split("/")[0]
         marks = ["--view", view, "--click", str(x), str(y)]
-        yield f"{name} click", ["select", str(folder), "--cameras", str(folder / "cameras.json"), *marks, "--trim"]
+        yield f"{name} click", ["select", str(folder), *_cameras(folder), *marks, "--trim"]
+
+
+def _cameras(scene: Path) -> list[str]:
+    return ["--cameras", str(scene / "cameras.json")]
 
 
 def _trim(root: Path, name: str) -> list[str]:
