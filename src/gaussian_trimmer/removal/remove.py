@@ -43,14 +43,15 @@ def remove(views: RemovalViews, *, fill: bool, with_standing: bool = False) -> R
         fill: inpaint the surfaces that the object stood on or leaned against, and close what gapes all the same.
         with_standing: the things that stand on the object leave with it.
     """
-    surfaces = find_surfaces(views)
-    gone, unoccluded = find_hidden(views, surfaces)
-    things, remnants, splinters = find_hanging(views, gone, surfaces)
-    leaving = remnants | (things > 0) if with_standing else remnants
-    if leaving.any():
-        larger = replace(views, of_object=views.of_object | leaving, removed=views.removed | leaving)
-        removal = remove(larger, fill=fill, with_standing=with_standing)
-        return replace(removal, discarded=removal.discarded | leaving)
+    surfaces, leaving = find_surfaces(views), np.zeros(len(views.gaussians), np.bool_)
+    while True:
+        gone, unoccluded = find_hidden(views, surfaces)
+        things, remnants, splinters = find_hanging(views, gone, surfaces)
+        more = remnants | (things > 0) if with_standing else remnants
+        if not more.any():
+            break
+        leaving |= more
+        views = replace(views, of_object=views.of_object | more, removed=views.removed | more)
     gone |= splinters
     found = inpaint_surfaces(views, surfaces, gone, unoccluded) if fill and surfaces else None
     n = len(views.gaussians)
@@ -62,7 +63,7 @@ def remove(views: RemovalViews, *, fill: bool, with_standing: bool = False) -> R
         inpainted = concatenate([inpainted, closing])
         warnings += (CLOSED,) if len(closing) and not surfaces else ()
     not_filled = NO_SURFACE if fill and not len(inpainted) else None
-    return Removal(gone, inpainted, replaced, factor, not_filled, warnings)
+    return Removal(gone | leaving, inpainted, replaced, factor, not_filled, warnings)
 
 
 def _what_stays(things: IntArray) -> tuple[str, ...]:

@@ -32,7 +32,7 @@ from gaussian_trimmer.rendering.numba_kernels import (
     _lets_light_through,
     _weight_and_light,
 )
-from gaussian_trimmer.rendering.projection_kernels import AREA, TILE, _jit
+from gaussian_trimmer.rendering.projection_kernels import AREA, TILE_WIDTH, _jit
 
 N_SUMS = 9
 """Sums of a pair: h; h z (2); h z z^T (xx, xy, yy); weight times g_C (3)."""
@@ -61,8 +61,8 @@ def differentiate_tiles(splats, colours, moves, tiles, images, out, jobs):  # ty
     column = np.empty(AREA, np.float32)
     row = np.empty(AREA, np.float32)
     for p in range(AREA):
-        column[p] = np.float32(p % TILE) + np.float32(0.5)
-        row[p] = np.float32(p // TILE) + np.float32(0.5)
+        column[p] = np.float32(p % TILE_WIDTH) + np.float32(0.5)
+        row[p] = np.float32(p // TILE_WIDTH) + np.float32(0.5)
     transmittance = np.empty(AREA, np.float32)
     slope = np.empty((4, AREA), np.float32)
     farther = np.empty(AREA, np.float32)
@@ -77,7 +77,7 @@ def differentiate_tiles(splats, colours, moves, tiles, images, out, jobs):  # ty
         left, top, width, height = places[place, 0], places[place, 1], places[place, 2], places[place, 3]
         steepest = _ZERO
         for p in range(AREA):
-            outside = left + p % TILE >= width or top + p // TILE >= height
+            outside = left + p % TILE_WIDTH >= width or top + p // TILE_WIDTH >= height
             transmittance[p] = -_ONE if outside else _ONE
             total = _ZERO
             for c in range(4):
@@ -96,7 +96,7 @@ def differentiate_tiles(splats, colours, moves, tiles, images, out, jobs):  # ty
             A, B, C, opacity = _QUARTER * splats[i, 2], _QUARTER * splats[i, 3], _QUARTER * splats[i, 4], splats[i, 5]
             red, green, blue = colours[i, 0], colours[i, 1], colours[i, 2]
             u0, v0 = -(A * x + B * y), -C * y
-            first, last = TILE * spans[pair, 0], TILE * spans[pair, 1]
+            first, last = TILE_WIDTH * spans[pair, 0], TILE_WIDTH * spans[pair, 1]
             columns, rows, light, behind = (
                 column[first:last],
                 row[first:last],

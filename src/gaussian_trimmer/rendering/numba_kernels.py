@@ -14,10 +14,9 @@ import numpy as np
 
 from gaussian_trimmer.parallel import compiled
 from gaussian_trimmer.rendering.blending import ALPHA_CAP, ALPHA_CUTOFF, TRANSMITTANCE_STOP
-from gaussian_trimmer.rendering.projection_kernels import AREA, TILE, _jit
+from gaussian_trimmer.rendering.projection_kernels import AREA, TILE_HEIGHT, TILE_WIDTH, _jit
 
-_BATCH = 4  # Gaussians whose weights are found before they are added to sums together, which saves memory traffic.
-_CHECK_EVERY = 4 * _BATCH  # Gaussians between two looks at whether a tile still lets light through.
+_CHECK_EVERY = 16  # Gaussians between two looks at whether a tile still lets light through.
 
 _CAP = np.float32(ALPHA_CAP)
 _CUTOFF = np.float32(ALPHA_CUTOFF)
@@ -74,92 +73,55 @@ def blend_tiles(splats, values, tiles, labels, image, pairs, jobs):  # type: ign
     column = np.empty(AREA, np.float32)
     row = np.empty(AREA, np.float32)
     for p in range(AREA):
-        column[p] = np.float32(p % TILE) + np.float32(0.5)
-        row[p] = np.float32(p // TILE) + np.float32(0.5)
+        column[p] = np.float32(p % TILE_WIDTH) + np.float32(0.5)
+        row[p] = np.float32(p // TILE_WIDTH) + np.float32(0.5)
     transmittance = np.empty(AREA, np.float32)
-    weights = np.empty((_BATCH, AREA), np.float32)
-    factors = np.empty(_BATCH, np.float32)
+    weights = np.empty(AREA, np.float32)
     sums = np.empty((n_values, AREA), np.float32)
-    marks = np.empty((n_labels, AREA), np.float32)
     for job in range(jobs[0], jobs[1]):
         # A stride coprime to the number of tiles spreads the busy middle of the image over the threads' equal shares.
         tile = _interleave(job, n_tiles)
         place = first_tile + tile
         left, top, width, height = places[place, 0], places[place, 1], places[place, 2], places[place, 3]
         for p in range(AREA):  # Pixels outside the image count as stopped.
-            outside = left + p % TILE >= width or top + p // TILE >= height
+            outside = left + p % TILE_WIDTH >= width or top + p // TILE_WIDTH >= height
             transmittance[p] = -_ONE if outside else _ONE
-        for k in range(_BATCH):
-            factors[k] = _ZERO
         for c in range(n_values):
             for p in range(AREA):
                 sums[c, p] = _ZERO
-        for label in range(n_labels):
-            for p in range(AREA):
-                marks[label, p] = labels[label, place, p]
-        end = starts[tile + 1]
-        for begin in range(starts[tile], end, _BATCH):
-            if (begin - starts[tile]) % _CHECK_EVERY == 0 and not _lets_light_through(transmittance):
+        for pair in range(starts[tile], starts[tile + 1]):
+            if (pair - starts[tile]) % _CHECK_EVERY == 0 and not _lets_light_through(transmittance):
                 break
-            n = min(_BATCH, end - begin)
-            low, high = AREA, 0
-            for k in range(n):
-                low, high = min(low, TILE * spans[begin + k, 0]), max(high, TILE * spans[begin + k, 1])
-            weights[:, low:high] = _ZERO  # As loops it costs the whole kernel a half more.
-            for k in range(n):
-                i = lists[begin + k]
-                x, y = splats[i, 0] - np.float32(left), splats[i, 1] - np.float32(top)
-                A, B, C, opacity = (
-                    _QUARTER * splats[i, 2],
-                    _QUARTER * splats[i, 3],
-                    _QUARTER * splats[i, 4],
-                    splats[i, 5],
-                )
-                u0, v0 = -(A * x + B * y), -C * y
-                first, last = TILE * spans[begin + k, 0], TILE * spans[begin + k, 1]
-                # Slices, since an index that the compiler cannot prove to be non-negative would stop vectorisation.
-                columns, rows, light_left, painted = (
-                    column[first:last],
-                    row[first:last],
-                    transmittance[first:last],
-                    weights[k, first:last],
-                )
-                for p in range(len(painted)):
-                    u = A * columns[p] + (B * rows[p] + u0)
-                    v = C * rows[p] + v0
-                    painted[p], light_left[p] = _weight_and_light(opacity * _falloff(u * u + v * v), light_left[p])
-            batch = weights[:, low:high]
+            i = lists[pair]
+            x, y = splats[i, 0] - np.float32(left), splats[i, 1] - np.float32(top)
+            A, B, C, opacity = _QUARTER * splats[i, 2], _QUARTER * splats[i, 3], _QUARTER * splats[i, 4], splats[i, 5]
+            u0, v0 = -(A * x + B * y), -C * y
+            first, last = TILE_WIDTH * spans[pair, 0], TILE_WIDTH * spans[pair, 1]
+            # Slices, since an index that the compiler cannot prove to be non-negative would stop vectorisation.
+            columns, rows, light_left, painted = (
+                column[first:last],
+                row[first:last],
+                transmittance[first:last],
+                weights[first:last],
+            )
+            for p in range(len(painted)):
+                u = A * columns[p] + (B * rows[p] + u0)
+                v = C * rows[p] + v0
+                painted[p], light_left[p] = _weight_and_light(opacity * _falloff(u * u + v * v), light_left[p])
             for c in range(n_values):
-                for k in range(n):
-                    factors[k] = values[lists[begin + k], c]
-                total = sums[c, low:high]
-                for p in range(len(total)):
-                    value = total[p]
-                    for k in range(_BATCH):
-                        value += batch[k, p] * factors[k]
-                    total[p] = value
+                total, value = sums[c, first:last], values[i, c]
+                for p in range(len(painted)):
+                    total[p] += painted[p] * value
             for label in range(n_labels):
-                factors[0], factors[1], factors[2], factors[3] = _four_sums(batch, marks[label, low:high])
-                for k in range(n):
-                    pairs[begin + k, label] = factors[k]
+                mark, weight = labels[label, place, first:last], _ZERO
+                for p in range(len(painted)):
+                    weight += painted[p] * mark[p]
+                pairs[pair, label] = weight
         for c in range(n_values):
             for p in range(AREA):
                 image[c, place, p] = sums[c, p]
         for p in range(AREA):
             image[n_values, place, p] = _ONE - abs(transmittance[p])
-
-
-@compiled(inline="always")
-def _four_sums(batch, mark):  # type: ignore[no-untyped-def]
-    """Return sums of the four rows of `batch` (4, p), each weighted by `mark` (p,)."""
-    a, b, c, d = _ZERO, _ZERO, _ZERO, _ZERO
-    batch_a, batch_b, batch_c, batch_d = batch[0], batch[1], batch[2], batch[3]
-    for p in range(len(mark)):
-        a += batch_a[p] * mark[p]
-        b += batch_b[p] * mark[p]
-        c += batch_c[p] * mark[p]
-        d += batch_d[p] * mark[p]
-    return a, b, c, d
 
 
 @compiled(inline="always")
@@ -190,11 +152,11 @@ def top_of_pixels(splats, tiles, across, pixels, ids, weights):  # type: ignore[
     k = ids.shape[1]
     for j in range(pixels.shape[0]):
         x, y = np.float32(pixels[j, 0]) + np.float32(0.5), np.float32(pixels[j, 1]) + np.float32(0.5)
-        tile = (pixels[j, 1] // TILE) * across + pixels[j, 0] // TILE - first_tile
+        tile = (pixels[j, 1] // TILE_HEIGHT) * across + pixels[j, 0] // TILE_WIDTH - first_tile
         if not 0 <= tile < len(starts) - 1:
             continue
         transmittance = _ONE
-        row = pixels[j, 1] % TILE
+        row = pixels[j, 1] % TILE_HEIGHT
         for pair in range(starts[tile], starts[tile + 1]):
             if not spans[pair, 0] <= row < spans[pair, 1]:
                 continue

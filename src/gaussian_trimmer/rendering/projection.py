@@ -20,7 +20,8 @@ from gaussian_trimmer.parallel import WORTH_A_THREAD, for_each, parallel_for
 from gaussian_trimmer.rendering.blending import FRUSTUM_MARGIN, MOST_PAIRS
 from gaussian_trimmer.rendering.projection_kernels import (
     AREA,
-    TILE,
+    TILE_HEIGHT,
+    TILE_WIDTH,
     Ellipsoids,
     Pinhole,
     Tiles,
@@ -103,24 +104,40 @@ class Projection:
     def of(self, part: BoolArray) -> Projection:
         """Return what the views show where only a part of the Gaussians (N,) is in them."""
         kept = part[self.rows]
+        numbers, starts = np.append(0, np.cumsum(kept)), np.append(0, self._reaching(kept).cumsum())
         rows, splats, colours = self.rows[kept], self.splats[kept], self.colours[kept]
-        view_starts = np.append(0, np.cumsum(kept))[self.view_starts]
-        views = zip(self.cameras, view_starts[:-1], view_starts[1:], strict=True)
-        counts = for_each(lambda view: _counted(splats[view[1] : view[2]], view[0]), list(views))
-        return _listed(self.n, self.cameras, rows, splats, colours, view_starts, counts)
+        shown = Projection(
+            self.n, self.cameras, rows, splats, colours, numbers[self.view_starts], self.first_tiles, starts, None
+        )
+        if self.tiles is None:
+            return shown.with_lists()
+        tiles = self._entries(kept[self.tiles.lists], starts)
+        return replace(shown, tiles=tiles._replace(lists=numbers[tiles.lists].astype(np.int32)))
 
     def around(self, part: BoolArray) -> Projection:
         """Return the same views, where only tiles that a part of the Gaussians (N,) reaches list any."""
-        kept, counts = part[self.rows], np.diff(self.tile_starts)
-        splats = [self.splats[drawn][kept[drawn]] for drawn in map(self.drawn, range(len(self.cameras)))]
-        reached = [_counted(of_view, camera) for of_view, camera in zip(splats, self.cameras, strict=True)]
-        wanted = np.concatenate([np.zeros(0, np.int64), *reached]) > 0
+        wanted, counts = self._reaching(part[self.rows]) > 0, np.diff(self.tile_starts)
         starts = np.append(0, np.where(wanted, counts, 0).cumsum())
-        if self.tiles is None:
-            return replace(self, tile_starts=starts)
-        pairs = np.repeat(wanted, counts)
-        tiles = Tiles(0, starts, self.tiles.lists[pairs], self.tiles.spans[pairs], self.places)
+        tiles = None if self.tiles is None else self._entries(np.repeat(wanted, counts), starts)
         return replace(self, tile_starts=starts, tiles=tiles)
+
+    def with_lists(self) -> Projection:
+        """Return the same with the lists of all tiles, where they are not too long."""
+        listed = self.tile_starts[-1] * _BYTES_OF_A_PAIR <= _LISTED_BYTES
+        return replace(self, tiles=_binned(self, self.tile_starts, 0)) if listed else self
+
+    def _reaching(self, kept: BoolArray) -> IntArray:
+        """Return how many of some drawn Gaussians, (M,), reach each tile, (T,)."""
+        if self.tiles is not None:
+            return np.diff(np.append(0, np.cumsum(kept[self.tiles.lists]))[self.tile_starts])
+        views = ((camera, self.drawn(view)) for view, camera in enumerate(self.cameras))
+        counts = [_counted(self.splats[drawn][kept[drawn]], camera) for camera, drawn in views]
+        return np.concatenate([np.zeros(0, np.int64), *counts])
+
+    def _entries(self, chosen: BoolArray, starts: IntArray) -> Tiles:
+        """Return the tiles with the chosen ones of their entries, (P,), which begin at `starts`."""
+        assert self.tiles is not None
+        return Tiles(0, starts, self.tiles.lists[chosen], self.tiles.spans[chosen], self.places)
 
     def scattered(self, sums: FloatArray) -> FloatArray:
         """Return sums of drawn Gaussians (M, L) as sums of all N Gaussians in each view, (V, N, L)."""
@@ -134,8 +151,9 @@ class Projection:
         found = []
         for camera, first, last in zip(self.cameras, self.first_tiles[:-1], self.first_tiles[1:], strict=True):
             across, down = tiles_of(camera)
-            part = tiled[:, first:last].reshape(len(tiled), down, across, TILE, TILE).swapaxes(2, 3)
-            found.append(part.reshape(len(tiled), down * TILE, across * TILE)[:, : camera.height, : camera.width])
+            part = tiled[:, first:last].reshape(len(tiled), down, across, TILE_HEIGHT, TILE_WIDTH).swapaxes(2, 3)
+            whole = part.reshape(len(tiled), down * TILE_HEIGHT, across * TILE_WIDTH)
+            found.append(whole[:, : camera.height, : camera.width])
         return found
 
     def tiled(self, images: Sequence[FloatArray]) -> FloatArray:
@@ -146,9 +164,10 @@ class Projection:
 
 def as_tiles(image: FloatArray) -> FloatArray:
     """Return an image (C, H, W) as a picture (C, T, A), zero beside it."""
-    missing = -image.shape[1] % TILE, -image.shape[2] % TILE
+    missing = -image.shape[1] % TILE_HEIGHT, -image.shape[2] % TILE_WIDTH
     whole = np.pad(image, ((0, 0), (0, missing[0]), (0, missing[1]))) if any(missing) else image
-    parts = whole.reshape(len(image), whole.shape[1] // TILE, TILE, whole.shape[2] // TILE, TILE).swapaxes(2, 3)
+    down, across = whole.shape[1] // TILE_HEIGHT, whole.shape[2] // TILE_WIDTH
+    parts = whole.reshape(len(image), down, TILE_HEIGHT, across, TILE_WIDTH).swapaxes(2, 3)
     return np.ascontiguousarray(parts.reshape(len(image), -1, AREA), np.float32)
 
 
@@ -176,24 +195,11 @@ def project_views(
     columns = zip(none, *(view[:3] for view in found), strict=True)
     rows, splats, shown = found[0][:3] if len(found) == 1 else map(np.concatenate, columns)
     view_starts = np.append(0, np.cumsum([len(view[0]) for view in found], dtype=np.int64))
-    return _listed(len(gaussians), cameras, rows, splats, shown, view_starts, [view[3] for view in found])
-
-
-def _listed(
-    n: int,
-    cameras: Sequence[Camera],
-    rows: IntArray,
-    splats: FloatArray,
-    colours: FloatArray,
-    view_starts: IntArray,
-    counts: Sequence[IntArray],
-) -> Projection:
-    """Return a projection with its tiles' lists, where they are not too long, by how many reach each tile, (T,)."""
+    counts = [view[3] for view in found]
     first_tiles = np.append(0, np.cumsum([len(of_view) for of_view in counts], dtype=np.int64))
     starts = np.concatenate([np.zeros(1, np.int64), *counts]).cumsum()
-    projection = Projection(n, cameras, rows, splats, colours, view_starts, first_tiles, starts, None)
-    listed = starts[-1] * _BYTES_OF_A_PAIR <= _LISTED_BYTES
-    return replace(projection, tiles=_binned(projection, starts, 0)) if listed else projection
+    n = len(gaussians)
+    return Projection(n, cameras, rows, splats, shown, view_starts, first_tiles, starts, None).with_lists()
 
 
 def _project_view(
@@ -270,13 +276,14 @@ def _by_columns(work: Callable[[int, int], Any], across: int, n_splats: int) -> 
 
 def tiles_of(camera: Camera) -> tuple[int, int]:
     """Return how many tiles a picture has along its width and its height."""
-    return -(-camera.width // TILE), -(-camera.height // TILE)
+    return -(-camera.width // TILE_WIDTH), -(-camera.height // TILE_HEIGHT)
 
 
 @lru_cache(maxsize=16)
 def _places(width: int, height: int) -> IntArray:
     """Return left and top of each tile of a picture, and its width and height, (T, 4)."""
-    top, left = (TILE * place.ravel() for place in np.indices((-(-height // TILE), -(-width // TILE))))
+    down, across = np.indices((-(-height // TILE_HEIGHT), -(-width // TILE_WIDTH)))
+    top, left = TILE_HEIGHT * down.ravel(), TILE_WIDTH * across.ravel()
     return np.column_stack([left, top, np.full(len(left), width), np.full(len(left), height)])
 
 

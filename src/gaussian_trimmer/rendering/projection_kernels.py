@@ -17,9 +17,10 @@ from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE
 from gaussian_trimmer.parallel import compiled
 from gaussian_trimmer.rendering.blending import ALPHA_CUTOFF, LARGEST_SPREAD, LARGEST_VALUE, LOW_PASS_VARIANCE
 
-TILE = 16
-"""Side of a tile in pixels."""
-AREA = TILE * TILE
+TILE_WIDTH, TILE_HEIGHT = 8, 32
+"""Pixels of a tile: as many side by side as a processor computes at once, since most splats are only a few wide, and
+each is computed in whole rows."""
+AREA = TILE_WIDTH * TILE_HEIGHT
 _CANCELLED_SHARE = 1e-8
 """Determinant, as a share of the product of the variances, below which their difference has lost it."""
 
@@ -188,7 +189,7 @@ def _columns_reached(splat, start, end):  # type: ignore[no-untyped-def]
     No column for an ellipse that is not finite. Numbers are compared before they become integers: beyond these lies
     what no processor says the same of.
     """
-    low, high = (splat[0] - splat[6]) / TILE, (splat[0] + splat[6]) / TILE
+    low, high = (splat[0] - splat[6]) / TILE_WIDTH, (splat[0] + splat[6]) / TILE_WIDTH
     if not (low < end and high >= start):
         return start, start
     first = math.floor(low) if low > start else start
@@ -208,7 +209,7 @@ def _rows_reached(splat, left, height):  # type: ignore[no-untyped-def]
     q = reach * reach + 1e-3  # The margin covers the blending's rounding.
     square = B * B + C * C
     lean = B / A * splat[7]
-    x0, x1 = left + 0.5 - splat[0], left + TILE - 0.5 - splat[0]
+    x0, x1 = left + 0.5 - splat[0], left + TILE_WIDTH - 0.5 - splat[0]
     x_low, x_high = min(max(lean, x0), x1), min(max(-lean, x0), x1)
     root_low = math.sqrt(max(square * q - (A * C * x_low) ** 2, 0.0))
     root_high = math.sqrt(max(square * q - (A * C * x_high) ** 2, 0.0))
@@ -230,10 +231,10 @@ def count_tiles(splats, height, counts, first_column, end_column):  # type: igno
     for i in range(splats.shape[0]):
         x0, x1 = _columns_reached(splats[i], first_column, end_column)
         for tx in range(x0, x1):
-            first, last = _rows_reached(splats[i], tx * TILE, height)
+            first, last = _rows_reached(splats[i], tx * TILE_WIDTH, height)
             if first < last:  # First those that begin with a tile less those that end above it.
-                counts[first // TILE, tx] += 1
-                counts[-(-last // TILE), tx] -= 1
+                counts[first // TILE_HEIGHT, tx] += 1
+                counts[-(-last // TILE_HEIGHT), tx] -= 1
     for ty in range(1, counts.shape[0]):
         for tx in range(first_column, end_column):
             counts[ty, tx] += counts[ty - 1, tx]
@@ -259,14 +260,15 @@ def bin_gaussians(splats, offset, picture, tiles, ends, first_column, end_column
     for i in range(splats.shape[0]):
         x0, x1 = _columns_reached(splats[i], first_column, end_column)
         for tx in range(x0, x1):
-            first, last = _rows_reached(splats[i], tx * TILE, height)
-            for ty in range(max(first // TILE, above), min(-(-last // TILE), below) if first < last else 0):
-                tile = ty * across + tx - skipped
+            first, last = _rows_reached(splats[i], tx * TILE_WIDTH, height)
+            end = min(-(-last // TILE_HEIGHT), below) if first < last else 0
+            for ty in range(max(first // TILE_HEIGHT, above), end):
+                tile, top = ty * across + tx - skipped, ty * TILE_HEIGHT
                 if not 0 <= tile < n_tiles:
                     continue
                 place = ends[tile]
                 # Compiled in two places, the arithmetic above may round in two ways: no list grows beyond its end.
                 if place < starts[tile + 1]:
                     lists[place] = offset + i
-                    spans[place, 0], spans[place, 1] = max(first - ty * TILE, 0), min(last - ty * TILE, TILE)
+                    spans[place, 0], spans[place, 1] = max(first - top, 0), min(last - top, TILE_HEIGHT)
                     ends[tile] += 1
