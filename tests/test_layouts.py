@@ -114,3 +114,13 @@ def test_patterns_name_other_places(tmp_path):
     touch(method, "models/horns/other.ply")
     with pytest.raises(InputError, match="2 files that may be its scene"):
         find(method, data, **patterns)
+
+
+def test_a_file_of_several_objects_is_the_selection_of_whose_ids_are_known(tmp_path):
+    home = tmp_path / "horns"
+    home.mkdir()
+    for name in ("classifier.pth", "scene.ply", "cameras.json"):
+        (home / name).touch()
+    assert find_files(TASK, tmp_path, tmp_path, {}, with_ids=True)["selection"] == home / "classifier.pth"
+    with pytest.raises(InputError, match="say with --ids FILE"):
+        find(tmp_path)

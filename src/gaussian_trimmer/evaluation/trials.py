@@ -22,7 +22,7 @@ from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.evaluation.datasets import Protocol, Task, camera_of
 from gaussian_trimmer.evaluation.ground_truth import TestView, view_of
 from gaussian_trimmer.evaluation.scoring import Cut, Judge, Scores, mean_scores, read_result
-from gaussian_trimmer.formats.identify import FORMATS, METHOD_FILES, SELECTION_SUFFIXES
+from gaussian_trimmer.formats.identify import BY_ID, FORMATS, METHOD_FILES, SELECTION_SUFFIXES
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import file_bytes, reading
 from gaussian_trimmer.masks.sam import SamModel, draw_masks
@@ -43,7 +43,7 @@ _SCENES = (
     *_POINT_CLOUDS,
 )
 _OF_METHODS = tuple(file.pattern for file in METHOD_FILES)
-_WITH_IDS = tuple(file.pattern for file in METHOD_FILES if file.needs.startswith("--selection.object-id"))
+_WITH_IDS = tuple(file.pattern for file in METHOD_FILES if file.needs == BY_ID)
 _SELECTIONS = (
     *(f"selection{ending}" for ending in (*SELECTION_SUFFIXES, *FORMATS)),
     *_OF_METHODS,

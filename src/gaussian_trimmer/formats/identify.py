@@ -74,17 +74,18 @@ class MethodFile:
 
 
 _ITERATION = "point_cloud/iteration_*/"
-_ID = "--set selection.object-id=ID"
+BY_ID = "--set selection.object-id=ID"
+"""Option that a file of several objects needs beside."""
 METHOD_FILES = (
     MethodFile("SAGA", "segmentation_res/{object}.pt"),
     MethodFile("SAGA, version 1", "final_mask.pt"),
     MethodFile("SA3D-GS", _ITERATION + "seg_point_cloud.ply"),
     MethodFile("SA3D-GS", "seg_point_cloud.ply"),
     MethodFile("SA3D-GS", _ITERATION + "seg_point_cloud_*.npy"),
-    MethodFile("Gaussian Grouping, Gaga or Unified-Lift", _ITERATION + "classifier.pth", _ID),
-    MethodFile("Gaussian Grouping, Gaga or Unified-Lift", "classifier.pth", _ID),
-    MethodFile("OpenGaussian or InstanceGaussian", "cluster_lang.npz", _ID),
-    MethodFile("InstanceGaussian", "cluster_result.pt", _ID),
+    MethodFile("Gaussian Grouping, Gaga or Unified-Lift", _ITERATION + "classifier.pth", BY_ID),
+    MethodFile("Gaussian Grouping, Gaga or Unified-Lift", "classifier.pth", BY_ID),
+    MethodFile("OpenGaussian or InstanceGaussian", "cluster_lang.npz", BY_ID),
+    MethodFile("InstanceGaussian", "cluster_result.pt", BY_ID),
     MethodFile("SAGD", _ITERATION + "point_cloud_seg.ply"),
     MethodFile("SAGD", "point_cloud_seg.ply"),
     MethodFile("OmniSeg3D-GS", _ITERATION + "debug_{object}_*.ply"),
@@ -94,7 +95,7 @@ METHOD_FILES = (
     MethodFile("Gradient-Driven Segmentation", "mask3d.pth"),
     MethodFile("COB-GS or NG-GS", "masks/{object}/chkpnt*.pth", own_scene=True),
     MethodFile("GaussianCut", "graphcut_{object}/remove_source.pt"),
-    MethodFile("THGS", "nag-l*.pt", _ID),
+    MethodFile("THGS", "nag-l*.pt", BY_ID),
     MethodFile("LUDVIG", "features.npy", "--set selection.threshold=T"),
     MethodFile("Trace3D", "objects/{object}_gaus_mask.pt"),
 )
