@@ -99,6 +99,7 @@ def stages_of_a_trim(scene_path: Path, selection_path: Path, size: int, config: 
     for _ in range(runs):
         start = time.perf_counter()
         result = trim(scene, selection, config=config)
+        made = len(result.background)
         stages.append({**result.seconds, "trim": time.perf_counter() - start})
     seconds = {name: float(np.median([stage[name] for stage in stages])) for name in stages[0]}
     unit = 1 if sys.platform == "darwin" else 1024  # Linux counts in kilobytes, macOS in bytes
@@ -107,6 +108,7 @@ def stages_of_a_trim(scene_path: Path, selection_path: Path, size: int, config: 
     return {
         "gaussians": len(scene),
         "selected": int(selection.sum()),
+        "background": made,
         **seconds,
         "peak_bytes": peak,
         "digest": digest[:8],

@@ -142,7 +142,7 @@ def command(wait: Wait) -> Figures:
 
 def trim(wait: Wait, **settings: Any) -> Figures:
     scene, selection, cameras = wait.scene(), wait.selection(), wait.cameras()
-    return _warm(lambda: gt.trim(scene, selection, cameras=cameras, config=gt.TrimConfig(**settings)))
+    return _warm(lambda: gt.trim(scene, selection, cameras=cameras, config=gt.TrimConfig(**settings)).background)
 
 
 def trim_alone(wait: Wait) -> Figures:
@@ -155,7 +155,7 @@ def large_scene(wait: Wait) -> Figures:
 
     scene, selection = tiled(wait.scene(), wait.selection(), _LARGE)
     cameras = wait.cameras()
-    return _warm(lambda: gt.trim(scene, selection, cameras=cameras))
+    return _warm(lambda: gt.trim(scene, selection, cameras=cameras).background)
 
 
 def objects_together(wait: Wait) -> Figures:
@@ -163,7 +163,7 @@ def objects_together(wait: Wait) -> Figures:
     scene, cameras = wait.scene(), wait.cameras()
     selections = {name: wait.selection(name) for name in wait.objects[:5]}
     alone = [_warm(partial(gt.trim, scene, selection, cameras=cameras)) for selection in selections.values()]
-    together = _warm(lambda: gt.trim_objects(scene, selections, cameras=cameras))
+    together = _warm(lambda: gt.trim_objects(scene, selections, cameras=cameras).background)
     return {name: value / max(one[name] for one in alone) for name, value in together.items()}
 
 
@@ -248,7 +248,7 @@ def trim_thing(wait: Wait) -> Figures:
     """A warm trim of a ball around the thing."""
     scene = wait.scene()
     selection = _near(scene, wait, wait.reach)
-    return _warm(lambda: gt.trim(scene, selection, up=wait.up))
+    return _warm(lambda: gt.trim(scene, selection, up=wait.up).background)
 
 
 def trim_in_surroundings(wait: Wait) -> Figures:
@@ -256,7 +256,7 @@ def trim_in_surroundings(wait: Wait) -> Figures:
     whole = wait.scene()
     scene = whole.select(np.flatnonzero(_near(whole, wait, _SMALL_REACH * wait.reach)))
     selection = _near(scene, wait, wait.reach)
-    return _warm(lambda: gt.trim(scene, selection, up=wait.up))
+    return _warm(lambda: gt.trim(scene, selection, up=wait.up).background)
 
 
 def objects(wait: Wait) -> Figures:
@@ -273,7 +273,7 @@ def empty(wait: Wait) -> Figures:
     """Trim found objects together and fill one background in which all of them are gone."""
     scene, labels = wait.scene(), np.load(Path(wait.folder) / "found.npy")
     selections = {str(number): labels == number for number in np.unique(labels[labels > 0])}
-    return _measured(lambda: gt.trim_objects(scene, selections, up=wait.up))
+    return _measured(lambda: gt.trim_objects(scene, selections, up=wait.up).background)
 
 
 TASKS: dict[str, Callable[[Wait], Figures]] = {

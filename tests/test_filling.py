@@ -90,8 +90,8 @@ def test_the_object_and_what_hides_the_hole_stay_as_they_are(results):
 def test_a_surface_that_is_hardly_seen_around_the_object_is_closed_and_goes_no_farther():
     near = np.linalg.norm(SCENE.means[:, :2], axis=1) < 0.75
     wide, small = (trim(SCENE.select(part), TRUTH[part], config=CONFIG) for part in (near | ~near, near | TRUTH))
-    assert wide.objects[0].not_filled is None and small.objects[0].not_filled is None
-    assert CLOSED in small.objects[0].warnings and CLOSED not in wide.objects[0].warnings
+    assert wide.rest.not_filled.get(1) is None and small.rest.not_filled.get(1) is None
+    assert CLOSED in small.rest.warnings[1] and CLOSED not in wide.rest.warnings[1]
     filled = small.background.select(small.background_label == RowLabel.FILLED)
     assert len(filled) > 10
     assert np.linalg.norm(filled.means[:, :2], axis=1).max() < 0.9
@@ -120,7 +120,7 @@ def test_a_hole_in_what_is_not_flat_is_closed_between_what_is_seen():
     scene, truth = concatenate([ball, around]), np.arange(len(ball) + len(around)) < len(ball)
     cameras = [toy.camera_at((x, -5, 2)) for x in (-1, 0, 1)]
     result = trim(scene, truth, cameras=cameras, up=toy.UP, config=CONFIG)
-    assert CLOSED in result.objects[0].warnings
+    assert CLOSED in result.rest.warnings[1]
     for camera in cameras:
         before, after, unfilled = (render(part, camera).alpha for part in (scene, result.background, around))
         middle = render(ball, camera).alpha > 0.9
@@ -168,5 +168,5 @@ def test_without_a_flat_surface_nothing_is_filled():
     scene, truth = concatenate([ball, rest]), np.arange(2 * len(ball)) < len(ball)
     result = trim(scene, truth, config=toy.small_config(background="filled"))
     assert not result.count(RowLabel.FILLED)
-    assert "no flat surface" in result.objects[0].not_filled
-    assert describe(result)["objects"][0]["not_filled"] == result.objects[0].not_filled
+    assert "no flat surface" in result.rest.not_filled.get(1)
+    assert describe(result)["objects"][0]["not_filled"] == result.rest.not_filled.get(1)

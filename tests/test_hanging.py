@@ -33,34 +33,34 @@ def test_what_stands_on_the_object_stays_and_is_told():
     result, in_object, in_background = trimmed(small_ball([0, 0, 2.25]))
     assert in_background.mean() > 0.7
     assert in_object.mean() < 0.2
-    assert "1 thing" in result.objects[0].warnings[0]
-    assert "--with-what-stands-on-it" in result.objects[0].warnings[0]
+    assert "1 thing" in result.rest.warnings[1][0]
+    assert "--with-what-stands-on-it" in result.rest.warnings[1][0]
 
 
 def test_it_leaves_with_the_object_if_that_is_asked_for():
     result, in_object, in_background = trimmed(small_ball([0, 0, 2.25]), with_what_stands_on_it=True)
     assert in_object.mean() < 0.2
     assert not in_background.any()
-    assert not result.objects[0].warnings
+    assert not result.rest.warnings[1]
 
 
 def test_what_stands_beside_the_object_has_its_own_hold():
     for option in (False, True):
         result, _, in_background = trimmed(small_ball([1.6, 0, 0.25]), with_what_stands_on_it=option)
         assert in_background.all()
-        assert not result.objects[0].warnings
+        assert not result.rest.warnings[1]
 
 
 def test_splinters_do_not_stay_in_the_air():
     result, _, in_background = trimmed(SPLINTER)
     assert not in_background.any()
-    assert not result.objects[0].warnings
+    assert not result.rest.warnings[1]
 
 
 def test_a_remnant_within_the_bounds_goes_with_the_object():
     result, _, in_background = trimmed(small_ball([0.78, 0, 1.78], 30, 0.1))
     assert not in_background.any()
-    assert not result.objects[0].warnings
+    assert not result.rest.warnings[1]
 
 
 def test_what_reaches_out_of_the_bounds_is_no_remnant():

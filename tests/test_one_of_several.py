@@ -44,6 +44,7 @@ def check_same(result, expected):
             assert getattr(part, name).tobytes() == getattr(other, name).tobytes()
     assert result.objects[0].refused == expected.objects[0].refused
     assert result.objects[0].warnings == expected.objects[0].warnings
+    assert [*result.rest.warnings.values()] == [*expected.rest.warnings.values()]
     for name in ("source_index", "label", "fitted", "selected_rows"):
         assert np.array_equal(getattr(result.objects[0], name), getattr(expected.objects[0], name))
     for name in ("background_source", "background_label", "discarded"):

@@ -1,5 +1,7 @@
 """The trimmer end to end on a ball that stands on a floor: what it mends, and the laws that its answers obey."""
 
+import pickle
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -123,6 +125,17 @@ def test_masks_in_the_views_of_the_trim_itself_are_those_of_renderings():
     plain = trim(SCENE, SPECKLED, config=config)
     back = toy.trim_by(lambda view: view.silhouette, SCENE, SPECKLED, config=config)
     assert jaccard(back.object_mask, plain.object_mask) > 0.98
+
+
+def test_the_scene_without_the_object_is_made_once_and_when_it_is_asked_for():
+    stages = []
+    result = trim(SCENE, SELECTIONS["dilated"], config=small_config(background="clean"), progress=stages.append)
+    assert len(result.object)
+    assert "remove" not in stages
+    for shown in (result, replace(result, contested=1), pickle.loads(pickle.dumps(result))):
+        assert 0 < len(shown.background) == len(shown.background_source) < len(SCENE)
+    assert stages.count("remove") == 1
+    assert "remove" in result.seconds
 
 
 def test_masks_are_of_one_object():

@@ -43,7 +43,7 @@ def result():
 def check_complementary(result):
     """Every row is in one object, in the background, or split between one object and the background."""
     owners = [np.unique(part.source_index) for part in result.objects]
-    together = np.concatenate([*owners, result.background_rows, result.discarded])
+    together = np.concatenate([*owners, result.rest.rows, result.discarded])
     assert len(np.unique(together)) == len(together) == len(result.scene)
     split = np.concatenate([part.source_index[part.label == RowLabel.SPLIT_INSIDE] for part in result.objects])
     outer = result.background_source[result.background_label == RowLabel.SPLIT_OUTSIDE]
@@ -229,7 +229,7 @@ def test_what_the_objects_hid_leaves_the_common_background():
     exact = trim_objects(scene, shells, config=replace(config, background="exact"))
     check_complementary(clean)
     assert not len(exact.discarded)
-    assert dark[exact.background_rows].sum() == 120
+    assert dark[exact.rest.rows].sum() == 120
     assert dark[clean.discarded].sum() > 40 and dark[clean.discarded].mean() > 0.9
     for one, other in zip(clean.objects, exact.objects, strict=True):
         assert np.array_equal(one.source_index, other.source_index)

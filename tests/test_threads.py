@@ -85,7 +85,7 @@ def trimmed():
     assert result.count(RowLabel.SPLIT_INSIDE) > 5
     parts = [
         getattr(part, name)
-        for part in (result.object, result.appended)
+        for part in (result.object, result.rest.appended)
         for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc")
     ]
     return digest(

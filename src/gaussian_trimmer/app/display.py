@@ -172,13 +172,13 @@ class Painter:
         layers, filled = [], list[Gaussians]()
         for part in now.objects:
             if (result := part.result) is not None:
-                first = not any(result.appended is each for each in filled)
+                first = not any(result.rest.appended is each for each in filled)
                 layers.append(self._layer(part, result, told, FILL if first else 0))
-                filled.append(result.appended)
+                filled.append(result.rest.appended)
         return layers
 
     def _layer(self, part: MarkedObject, result: TrimResult, told: States, fill: int) -> Layer:
-        trimmed, first = result.objects[0], len(result.background_rows)
+        trimmed, first = result.objects[0], len(result.rest.rows)
         rows = _pieces(result)
         pieces = told[trimmed.source_index[rows]]
         pieces[:, 2] = (pieces[:, 2] & _CHANGES) | EXTRA
@@ -190,7 +190,7 @@ class Painter:
         fills[relit, 2] |= told[sources[relit], 2] & _CHANGES
         fills[labels == RowLabel.FILLED, 2] |= MADE_UP
         number = self._numbers.setdefault(result, next(self._count))
-        both = concatenate([trimmed.gaussians.select(rows), result.appended])
+        both = concatenate([trimmed.gaussians.select(rows), result.rest.appended])
         return Layer(number, both, np.concatenate([pieces, fills]))
 
 

@@ -224,6 +224,7 @@ def trim_object(
         cameras=document.cameras,
         progress=progress,
     )
+    result.made_later()  # now, while its progress can be seen
     part = replace(part, result=result, stale=False, together=False, choices=choices)
     if again:
         return Change(now.with_object(part, now.last), "Cut out again.")

@@ -200,12 +200,12 @@ def save(
             cameras=document.cameras,
             progress=progress,
         )
-        progress("write")
         cameras = str(document.camera_path.absolute()) if document.camera_path else None
         given: dict[str, Any] = {"scene": str(document.path.absolute()), "cameras": cameras, "format": format}
         given |= {} if together else {"name": now.object.name, "marks": MARKS}
         given["placing"] = to_plain(PlacingOptions(engine))  # what was moved by hand is the app's alone
         report = describe(result, given, suffix=suffix)
+        progress("write")
         if not together:
             report["command"] = _command(now, folder, format, engine)
         write_trim(result, report, results, suffix)

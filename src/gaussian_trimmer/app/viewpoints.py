@@ -180,8 +180,8 @@ def doubts(result: TrimResult) -> list[tuple[str, Float64Array]]:
     if alphas:
         soft = [((alpha > _SOFT[0]) & (alpha < _SOFT[1])).mean() for alpha in alphas]
         said.append(("The softest edge is seen from here.", found[int(np.argmax(soft))][1]))
-    if part.not_filled:
-        said.append((f"The hole is not filled: {part.not_filled}.", part.up.direction + _RISE * part.bounds.axes[0]))
+    if why_open := result.rest.not_filled.get(part.id):
+        said.append((f"The hole is not filled: {why_open}.", part.up.direction + _RISE * part.bounds.axes[0]))
     return said
 
 

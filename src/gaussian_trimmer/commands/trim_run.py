@@ -149,8 +149,10 @@ def trim_into(
         seconds = {"read": time.perf_counter() - start}
         announce_compiling(console)
         result = _trim(request, arguments, stage)
+        named = {name: str(value) if isinstance(value, Path) else value for name, value in request.inputs.items()}
+        report = describe(result, named, seconds, suffix_for(arguments)) | {"command": request.command}
         stage("write")
-        report, notes = _write(result, request, arguments, part, seconds)
+        notes = _write(result, report, request, arguments, part)
     written = _written(report, arguments)
     _say(report, [f"{written} are in {folder}. {time.perf_counter() - start:.1f} s.", *notes], console)
     print_json(arguments, report, folder)
@@ -184,12 +186,10 @@ def _trim(request: Request, arguments: Namespace, stage: Progress) -> TrimResult
 
 
 def _write(
-    result: TrimResult, request: Request, arguments: Namespace, folder: Path, seconds: Mapping[str, float]
-) -> tuple[dict[str, Any], list[str]]:
-    """Write the results to a folder; return the report, and sentences about the files."""
+    result: TrimResult, report: Mapping[str, Any], request: Request, arguments: Namespace, folder: Path
+) -> list[str]:
+    """Write the results to a folder; return sentences about the files."""
     suffix, placing, background = suffix_for(arguments), placing_of(arguments), arguments.write_background
-    named = {name: str(value) if isinstance(value, Path) else value for name, value in request.inputs.items()}
-    report = describe(result, named, seconds, suffix) | {"command": request.command}
     if request.marks is not None:
         write_marks(request.marks, folder / MARKS)
     write_trim(result, report, folder, suffix, background=background, html=arguments.html)
@@ -198,7 +198,7 @@ def _write(
     own = arguments.scene.name
     same = arguments.format is None or formats.is_named(own, suffix)
     notes.append(formats.losses(result.scene, suffix, suffix if same else Path(own).suffix.lower()))
-    return report, notes
+    return notes
 
 
 def _written(report: Mapping[str, Any], arguments: Namespace) -> str:

@@ -245,7 +245,7 @@ def coloured_changes(result: TrimResult, part: TrimmedObject) -> Gaussians:
 
     The untouched background is left out: it would hide much of what happened.
     """
-    scene, rows, appended = result.scene, result.background_rows, result.appended
+    scene, rows, appended = result.scene, result.rest.rows, result.rest.appended
     palette = np.array([_rgb(label.name.lower()) for label in RowLabel], np.float32)
     painted = palette[part.label]
     painted[part.fitted[part.label[part.fitted] == RowLabel.KEPT]] = _rgb(FITTED)

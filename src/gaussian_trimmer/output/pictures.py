@@ -234,18 +234,18 @@ def side_by_side(pictures: Sequence[Picture]) -> Picture:
 
 def _background_around(result: TrimResult, part: TrimmedObject) -> Gaussians:
     """Return the scene without the objects, of a very large one what lies nearest to one of them."""
-    rows = result.background_rows
+    rows = result.rest.rows
     if len(rows) <= _MOST_DRAWN:
         return result.background
     distances = np.linalg.norm(result.scene.means[rows] - part.bounds.centre.astype(np.float32), axis=1)
     nearest = np.sort(np.argpartition(distances, _MOST_DRAWN)[:_MOST_DRAWN])
-    return concatenate([result.scene.select(rows[nearest]), result.appended])
+    return concatenate([result.scene.select(rows[nearest]), result.rest.appended])
 
 
 def nearby_background(result: TrimResult, part: TrimmedObject) -> Gaussians:
     """Return what of the background lies around an object: walls farther out would stand before a camera."""
-    scene, appended = result.scene, result.appended
-    near = nearby_rows(scene, result.background_rows, part.bounds)
+    scene, appended = result.scene, result.rest.appended
+    near = nearby_rows(scene, result.rest.rows, part.bounds)
     new = nearby_rows(appended, np.arange(len(appended)), part.bounds)
     return concatenate([scene.select(near), appended.select(new)])
 

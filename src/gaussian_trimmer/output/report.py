@@ -162,8 +162,8 @@ def _describe_object(result: TrimResult, part: TrimmedObject, labels: LabelArray
         "shrunk_side": shrunk_side(part, result.scene.means[part.selected_rows], gone),
         "refused": part.refused or None,
         "not_fitted": part.not_fitted or None,
-        "not_filled": part.not_filled or None,
-        "warnings": [*part.warnings, *filter(None, [doubt])],
+        "not_filled": result.rest.not_filled.get(part.id),
+        "warnings": [*part.warnings, *result.rest.warnings.get(part.id, ()), *filter(None, [doubt])],
         "counts": _count_object(result, part, labels),
         "seconds": _rounded(part.seconds),
     }

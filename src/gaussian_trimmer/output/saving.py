@@ -143,7 +143,7 @@ def _write_splats(result: TrimResult, folder: Path, suffix: str, background: boo
         nodes = [(part.title, part.gaussians, options.placement(part.gaussians, part.up.direction)) for part in filled]
         write_objects([(name, found, place.origin) for name, found, place in nodes], folder / ALL_OBJECTS)
     if background and len(result.background_source):
-        formats.write_selected(result.scene, result.background_rows, result.appended, folder / f"background{suffix}")
+        formats.write_selected(result.scene, result.rest.rows, result.rest.appended, folder / f"background{suffix}")
 
 
 def _write_view(view: TrimmedView, number: int, folder: Path) -> None:

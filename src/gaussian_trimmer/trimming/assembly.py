@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from gaussian_trimmer.trimming.arguments import Setup, StrokeCut
 from gaussian_trimmer.trimming.clock import LOG
 from gaussian_trimmer.trimming.decision import Decision
 from gaussian_trimmer.trimming.refinement import Pieces, refine
-from gaussian_trimmer.trimming.result import RowLabel, TrimmedObject, TrimResult
+from gaussian_trimmer.trimming.result import Once, RowLabel, SceneWithoutObjects, TrimmedObject, TrimResult
 
 _VOTING_NEIGHBOURS = 8
 """Number of nearest Gaussians that decide to which of several objects one belongs."""
@@ -115,7 +114,6 @@ def assemble_object(setup: Setup, owner: LabelArray, decision: Decision, number:
         lost=int(np.count_nonzero(owner[decision.rows] != number)),
         fitted=np.flatnonzero(pieces.fitted),
         not_fitted=not_fitted,
-        not_filled=None,
         seconds=decision.seconds,
     )
     return trimmed, cut_off
@@ -168,67 +166,89 @@ def _after_strokes(
 
 def assemble_result(
     setup: Setup,
-    assembled: Sequence[tuple[TrimmedObject, Pieces]],
+    trimmed: Sequence[TrimmedObject],
     owner: LabelArray,
     decisions: Sequence[Decision],
-    removals: Sequence[Removal | None],
+    rest: Once[SceneWithoutObjects],
     contested: int,
     seconds: dict[str, float],
 ) -> TrimResult:
-    """Put the scene without the objects together, and all in one result.
+    """Put all in one result.
 
     Args:
         setup: what all objects have in common.
-        assembled: what `assemble_object` returns for each.
+        trimmed: the objects.
         owner: number of the object that has each Gaussian of the scene, 0 for none, (N,).
         decisions: what belongs to each object.
-        removals: the scene without each object; None for those that were left as they were.
+        rest: the scene without them, once it is asked for.
         contested: number of Gaussians that several objects claimed.
         seconds: time taken by each stage.
     """
-    scene, (trimmed, cut_off) = setup.scene, zip(*assembled, strict=True)
-    outer, split = [pieces.gaussians for pieces in cut_off], [pieces.source for pieces in cut_off]
-    changes = [(d.crop.rows, removal) for d, removal in zip(decisions, removals, strict=True) if removal]
-    for _, removal in changes:
-        if removal.not_filled:
-            LOG.info("not filled: %s", removal.not_filled)
-    objects = tuple(
-        replace(part, warnings=part.warnings + removal.warnings, not_filled=removal.not_filled) if removal else part
-        for part, removal in zip(trimmed, removals, strict=True)
-    )
-    discarded, selected = np.zeros(len(scene), np.bool_), np.zeros(len(scene), np.bool_)
-    gain, share = np.ones(len(scene), np.float32), np.zeros(len(scene), np.float32)
+    share = np.zeros(len(setup.scene), np.float32)
     for decision in decisions:
         share[decision.considered] = np.maximum(share[decision.considered], decision.share)
     for number, decision in enumerate(decisions, 1):
         own = owner[decision.considered] == number
         share[decision.considered[own]] = decision.share[own]
-    for part in objects:
+    return TrimResult(
+        scene=setup.scene,
+        objects=tuple(trimmed),
+        made_later=rest,
+        share=share,
+        contested=contested,
+        config=setup.config,
+        cameras=tuple(training_cameras(setup.cameras)),
+        seconds=seconds,
+    )
+
+
+def assemble_rest(
+    scene: Gaussians,
+    assembled: Sequence[tuple[TrimmedObject, Pieces]],
+    owner: LabelArray,
+    changes: Sequence[tuple[IntArray, Removal] | None],
+) -> SceneWithoutObjects:
+    """Put the scene without the objects together.
+
+    Args:
+        scene: all N Gaussians.
+        assembled: what `assemble_object` returns for each object.
+        owner: number of the object that has each Gaussian of the scene, 0 for none, (N,).
+        changes: what changes where each object was, and in which rows of the scene; None for those that were left as
+            they were.
+    """
+    trimmed, cut_off = zip(*assembled, strict=True)
+    outer, split = [pieces.gaussians for pieces in cut_off], [pieces.source for pieces in cut_off]
+    discarded, selected = np.zeros(len(scene), np.bool_), np.zeros(len(scene), np.bool_)
+    gain, warnings, not_filled = np.ones(len(scene), np.float32), dict[int, tuple[str, ...]](), dict[int, str]()
+    for part, change in zip(trimmed, changes, strict=True):
         selected[part.selected_rows] = True
-    for rows, removal in changes:
+        if not change:
+            continue
+        rows, removal = change
         discarded[rows[removal.discarded | removal.replaced]] = True
         gain[rows] = np.maximum(gain[rows], removal.relight_factor)
+        warnings[part.id] = removal.warnings
+        if removal.not_filled:
+            LOG.info("not filled: %s", removal.not_filled)
+            not_filled[part.id] = removal.not_filled
     unowned = owner == 0
     discarded = unowned & (discarded | scene.blank)
     relit = np.flatnonzero(unowned & ~discarded & (gain > 1))
     whole = np.flatnonzero(unowned & ~discarded & (gain == 1))
-    filled = concatenate([scene.select(slice(0)), *(removal.inpainted for _, removal in changes)])
+    filled = concatenate([scene.select(slice(0)), *(change[1].inpainted for change in changes if change)])
     labels = [
         np.where(selected[whole], RowLabel.REMOVED, RowLabel.KEPT),
         np.full(sum(map(len, outer)), RowLabel.SPLIT_OUTSIDE),
         np.full(len(relit), RowLabel.RELIT),
         np.full(len(filled), RowLabel.FILLED),
     ]
-    return TrimResult(
+    return SceneWithoutObjects(
         scene=scene,
-        objects=objects,
         appended=concatenate([*outer, scale_radiance(scene.select(relit), gain[relit]), filled]),
-        background_source=np.concatenate([whole, *split, relit, np.full(len(filled), -1, np.int64)]),
-        background_label=np.concatenate(labels).astype(np.uint8),
+        source=np.concatenate([whole, *split, relit, np.full(len(filled), -1, np.int64)]),
+        label=np.concatenate(labels).astype(np.uint8),
         discarded=np.flatnonzero(discarded),
-        share=share,
-        contested=contested,
-        config=setup.config,
-        cameras=tuple(training_cameras(setup.cameras)),
-        seconds=seconds,
+        warnings=warnings,
+        not_filled=not_filled,
     )

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +20,7 @@ from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.up_vector import UpVector
 from gaussian_trimmer.views.view import TrimmedView
 
+T = TypeVar("T")
 THE_OBJECT = "object"
 """Name of the object of a trim of one."""
 _LISTED = 3
@@ -45,6 +49,29 @@ class RowLabel(IntEnum):
     """It is in the background without the object's shadow, brighter than in the scene."""
 
 
+class Once(Generic[T]):
+    """What is made when it is first asked for, by whichever thread, and kept."""
+
+    def __init__(self, make: Callable[[], T]) -> None:
+        self._make: Callable[[], T] | None = make
+        self._making = threading.Lock()
+
+    def __call__(self) -> T:
+        """Return it."""
+        with self._making:
+            if self._make is not None:
+                self._made = self._make()
+                self._make = None  # lets go of what it was made from
+            return self._made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _made, (self(),)
+
+
+def _made(value: T) -> Once[T]:
+    return Once(lambda: value)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TrimmedObject:
     """An object of M Gaussians, and how it was obtained."""
@@ -69,7 +96,7 @@ class TrimmedObject:
     refused: str | None
     """Why it is as it was selected; None if it was trimmed."""
     warnings: tuple[str, ...]
-    """What may be wrong although it was trimmed, a sentence each."""
+    """What may be wrong with it although it was trimmed, a sentence each."""
     floaters: int
     """Number of selected Gaussians that lie too far from the object to belong to it."""
     lost: int
@@ -78,8 +105,6 @@ class TrimmedObject:
     """Its rows, ascending, that are not as in the scene because they were fitted to its outline."""
     not_fitted: str | None
     """Why the outline was not fitted although it was asked for; None if it was, or was not to be."""
-    not_filled: str | None
-    """Why nothing continues where it was although that was asked for; None if something does, or was not to."""
     seconds: dict[str, float]
     """Time taken by each stage that looks at this object alone."""
 
@@ -94,6 +119,36 @@ class TrimmedObject:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class SceneWithoutObjects:
+    """What is left of the N Gaussians of a scene, and what is new where objects were; B rows in all."""
+
+    scene: Gaussians
+    """The N Gaussians."""
+    appended: Gaussians
+    """What the scene has not: outer parts of split Gaussians, relit ones, filled ones."""
+    source: IntArray
+    """Scene row of each: whole Gaussians in the order of the scene, then what is appended; -1 for filled ones, (B,)."""
+    label: NDArray[np.uint8]
+    """What happened to each, a `RowLabel`, (B,)."""
+    discarded: IntArray
+    """Scene rows, ascending, that nothing has: what only the objects hid, and what new Gaussians took the place of."""
+    warnings: Mapping[int, tuple[str, ...]]
+    """What may be wrong where an object was, a sentence each, by its id."""
+    not_filled: Mapping[int, str]
+    """Why nothing continues where an object was although that was asked for, by its id; none where something does."""
+
+    @property
+    def rows(self) -> IntArray:
+        """Scene rows, ascending, of the Gaussians that are as they were."""
+        return self.source[: len(self.source) - len(self.appended)]
+
+    @cached_property
+    def gaussians(self) -> Gaussians:
+        """All of it, (B,)."""
+        return concatenate([self.scene.select(self.rows), self.appended])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class TrimResult:
     """Objects and the scene without them: every Gaussian of the scene is in one of them, split, or discarded.
 
@@ -103,15 +158,8 @@ class TrimResult:
     scene: Gaussians
     """The N Gaussians that were given."""
     objects: tuple[TrimmedObject, ...]
-    appended: Gaussians
-    """What the background has that the scene has not: outer parts of split Gaussians, relit ones, filled ones."""
-    background_source: IntArray
-    """Scene row of each of the B rows of the background: whole Gaussians in the order of the scene, then what is
-    appended; -1 for filled ones."""
-    background_label: NDArray[np.uint8]
-    """What happened to each, a `RowLabel`, (B,)."""
-    discarded: IntArray
-    """Scene rows, ascending, that nothing has: what only the objects hid, and what new Gaussians took the place of."""
+    made_later: Once[SceneWithoutObjects]
+    """The scene without the objects: to make it takes about as long as the objects took."""
     share: FloatArray
     """How much of each Gaussian of the scene is an object's by the corrected labels, from 0 to 1, (N,): that of the
     object in `labels`, and in the background the largest of any. It is 1 for what was selected of an object that is
@@ -123,27 +171,43 @@ class TrimResult:
     cameras: tuple[Camera, ...]
     """The training cameras, if known."""
     seconds: dict[str, float]
-    """Time taken by each stage; of several objects, by each object and by the stages that they share."""
+    """Time taken by each stage; of several objects, by each object and by the stages that they share. That of
+    "remove" is added when the background is made."""
 
     def __repr__(self) -> str:
         parts = ", ".join(f"{part.title} of {len(part.gaussians):,}" for part in self.objects[:_LISTED])
         more = f" and {len(self.objects) - _LISTED} more" if len(self.objects) > _LISTED else ""
-        return f"<TrimResult: {parts}{more}, and a background of {len(self.background_source):,} Gaussians>"
+        return f"<TrimResult: {parts}{more}, of {len(self.scene):,} Gaussians>"
 
     @property
     def nothing_trimmed(self) -> bool:
         """Whether every object is as it was selected, so that a scene without them would be a guess."""
         return all(part.refused for part in self.objects)
 
-    @cached_property
-    def background(self) -> Gaussians:
-        """The scene without the objects."""
-        return concatenate([self.scene.select(self.background_rows), self.appended])
+    @property
+    def rest(self) -> SceneWithoutObjects:
+        """The scene without the objects, and what is new in it; made when it is first asked for."""
+        return self.made_later()
 
     @property
-    def background_rows(self) -> IntArray:
-        """Scene rows, ascending, of the Gaussians that are in the background as they were."""
-        return self.background_source[: len(self.background_source) - len(self.appended)]
+    def background(self) -> Gaussians:
+        """The scene without the objects, (B,)."""
+        return self.rest.gaussians
+
+    @property
+    def background_source(self) -> IntArray:
+        """Scene row of each Gaussian of the background, -1 for new ones, (B,)."""
+        return self.rest.source
+
+    @property
+    def background_label(self) -> NDArray[np.uint8]:
+        """What happened to each Gaussian of the background, a `RowLabel`, (B,)."""
+        return self.rest.label
+
+    @property
+    def discarded(self) -> IntArray:
+        """Scene rows, ascending, that neither an object nor the background has."""
+        return self.rest.discarded
 
     @property
     def labels(self) -> LabelArray:

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaussian_trimmer.cameras import Camera, CameraSet
-from gaussian_trimmer.gaussians import Gaussians, LabelArray
+from gaussian_trimmer.gaussians import Gaussians, IntArray, LabelArray
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.removal.remove import Removal, remove
 from gaussian_trimmer.removal.views import views_around
 from gaussian_trimmer.trimming.arguments import Setup, set_up
-from gaussian_trimmer.trimming.assembly import assemble_object, assemble_result, resolve_overlaps
+from gaussian_trimmer.trimming.assembly import assemble_object, assemble_rest, assemble_result, resolve_overlaps
 from gaussian_trimmer.trimming.clock import Clock, Progress
 from gaussian_trimmer.trimming.config import TrimConfig
 from gaussian_trimmer.trimming.decision import Decision, decide_all, look
-from gaussian_trimmer.trimming.result import THE_OBJECT, TrimResult
+from gaussian_trimmer.trimming.result import THE_OBJECT, Once, SceneWithoutObjects, TrimResult
 from gaussian_trimmer.trimming.up_vector import UpVector
 from gaussian_trimmer.views.view import View
 
@@ -79,7 +79,8 @@ def trim_objects(
 ) -> TrimResult:
     """Sharpen rough selections of objects of one scene, which share no Gaussian afterwards.
 
-    Each stage is also logged to "gaussian_trimmer" when it begins.
+    Each stage is also logged to "gaussian_trimmer" when it begins. The scene without the objects is made when it is
+    first asked for.
 
     Args:
         scene: all N Gaussians.
@@ -113,12 +114,18 @@ def trim_objects(
         owner, contested = resolve_overlaps(scene, [d.rows for d in decisions], [part.rows for part in rough])
     with clock("refine"):
         assembled = list(parallel_map(partial(assemble_object, setup, owner), _light(decisions), numbers))
-    removals = list[Removal | None]([None] * len(rough))
-    if setup.config.background != "exact":
-        with clock("remove"):
-            removals = list(parallel_map(partial(_remove, setup, owner), _light(decisions), numbers))
-    with clock("assemble"):
-        return assemble_result(setup, assembled, owner, decisions, removals, contested, clock.seconds)
+
+    def rest() -> SceneWithoutObjects:
+        changes = list[tuple[IntArray, Removal] | None]([None] * len(rough))
+        if setup.config.background != "exact":
+            with clock("remove"):
+                changes = list(parallel_map(partial(_remove, setup, owner), _light(decisions), numbers))
+        with clock("assemble"):
+            return assemble_rest(scene, assembled, owner, changes)
+
+    return assemble_result(
+        setup, [part for part, _ in assembled], owner, decisions, Once(rest), contested, clock.seconds
+    )
 
 
 def views_to_segment(
@@ -149,12 +156,15 @@ def _light(decisions: Sequence[Decision]) -> Iterator[Decision]:
     return iter(decisions) if len(decisions) == 1 else (decision.without_pictures() for decision in decisions)
 
 
-def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) -> Removal | None:
-    """Return what the Gaussians around an object are without it; None if it is left as it was, or has nothing left."""
+def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) -> tuple[IntArray, Removal] | None:
+    """Return the scene rows of the Gaussians around an object, and what changes among them without it.
+
+    None if it is left as it was, or has nothing left.
+    """
     crop, config = decision.crop, setup.config
     if decision.members is None or not (owner[crop.rows] == number).any():
         return None
     up, size = crop.bounds.axes[2], config.refinement.size
     pruned = None if decision.pruned is None else decision.pruned & (owner[crop.rows] == 0)
     views = views_around(setup.scene, crop.local, crop.rows, owner, number, up, crop.cameras, size, pruned)
-    return remove(views, fill=config.background == "filled", with_standing=config.with_what_stands_on_it)
+    return crop.rows, remove(views, fill=config.background == "filled", with_standing=config.with_what_stands_on_it)
