@@ -245,11 +245,15 @@ def _overlaps(here: BoolArray, there: BoolArray) -> FloatArray:
 
 
 def _spectrum(image: BoolArray | FloatArray) -> np.ndarray:
-    return np.fft.rfft2(image.astype(np.float32), _padded(image.shape))
+    from scipy.fft import rfft2  # in half the time that NumPy's takes
+
+    return np.asarray(rfft2(image.astype(np.float32), _padded(image.shape)))
 
 
 def _by_shift(spectrum: np.ndarray, shape: tuple[int, ...]) -> FloatArray:
-    moved = np.roll(np.fft.irfft2(spectrum, _padded(shape)), shape, axis=(0, 1))
+    from scipy.fft import irfft2
+
+    moved = np.roll(irfft2(spectrum, _padded(shape)), shape, axis=(0, 1))
     return np.asarray(moved[: 2 * shape[0], : 2 * shape[1]], np.float32)
 
 
