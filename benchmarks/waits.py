@@ -140,13 +140,19 @@ def command(wait: Wait) -> Figures:
                 "--quiet")  # fmt: skip
 
 
-def trim(wait: Wait, **settings: Any) -> Figures:
-    scene, selection, cameras = wait.scene(), wait.selection(), wait.cameras()
-    return _warm(lambda: gt.trim(scene, selection, cameras=cameras, config=gt.TrimConfig(**settings)).background)
+def trim(wait: Wait) -> Figures:
+    """A trim, and the scene without the object."""
+    return _warm(partial(_background, wait.scene(), wait.selection(), cameras=wait.cameras()))
 
 
 def trim_alone(wait: Wait) -> Figures:
-    return trim(wait, refine="off", background="exact")
+    """A trim by whoever wants the object alone; old commits make the background all the same."""
+    scene, selection, cameras = wait.scene(), wait.selection(), wait.cameras()
+    return _warm(lambda: gt.trim(scene, selection, cameras=cameras).object)
+
+
+def _background(scene: Any, selection: Any, **given: Any) -> Any:
+    return gt.trim(scene, selection, **given).background
 
 
 def large_scene(wait: Wait) -> Figures:
@@ -154,15 +160,14 @@ def large_scene(wait: Wait) -> Figures:
     from synthetic_scenes import tiled
 
     scene, selection = tiled(wait.scene(), wait.selection(), _LARGE)
-    cameras = wait.cameras()
-    return _warm(lambda: gt.trim(scene, selection, cameras=cameras).background)
+    return _warm(partial(_background, scene, selection, cameras=wait.cameras()))
 
 
 def objects_together(wait: Wait) -> Figures:
     """Objects of the scene together, relative to the slowest of them alone."""
     scene, cameras = wait.scene(), wait.cameras()
     selections = {name: wait.selection(name) for name in wait.objects[:5]}
-    alone = [_warm(partial(gt.trim, scene, selection, cameras=cameras)) for selection in selections.values()]
+    alone = [_warm(partial(_background, scene, selection, cameras=cameras)) for selection in selections.values()]
     together = _warm(lambda: gt.trim_objects(scene, selections, cameras=cameras).background)
     return {name: value / max(one[name] for one in alone) for name, value in together.items()}
 
@@ -248,7 +253,7 @@ def trim_thing(wait: Wait) -> Figures:
     """A warm trim of a ball around the thing."""
     scene = wait.scene()
     selection = _near(scene, wait, wait.reach)
-    return _warm(lambda: gt.trim(scene, selection, up=wait.up).background)
+    return _warm(partial(_background, scene, selection, up=wait.up))
 
 
 def trim_in_surroundings(wait: Wait) -> Figures:
@@ -256,7 +261,7 @@ def trim_in_surroundings(wait: Wait) -> Figures:
     whole = wait.scene()
     scene = whole.select(np.flatnonzero(_near(whole, wait, _SMALL_REACH * wait.reach)))
     selection = _near(scene, wait, wait.reach)
-    return _warm(lambda: gt.trim(scene, selection, up=wait.up).background)
+    return _warm(partial(_background, scene, selection, up=wait.up))
 
 
 def objects(wait: Wait) -> Figures:
@@ -281,7 +286,7 @@ TASKS: dict[str, Callable[[Wait], Figures]] = {
     "--help": help_page,
     "command": command,
     "trim": trim,
-    "trim without fit and background": trim_alone,
+    "trim, the object alone": trim_alone,
     "trim in a scene of 3 million": large_scene,
     "up to five objects together, in trims of the slowest": objects_together,
     "click": click,
@@ -289,7 +294,7 @@ TASKS: dict[str, Callable[[Wait], Figures]] = {
     "batch, an item on two processes": batch,
     "batch without backgrounds": lambda wait: batch(wait, "--options", "--no-write-background"),
 }
-OF_AN_OBJECT = ("command", "trim", "trim without fit and background", "trim in a scene of 3 million", "click")
+OF_AN_OBJECT = ("command", "trim", "trim, the object alone", "trim in a scene of 3 million", "click")
 """Tasks that are measured for each object."""
 
 

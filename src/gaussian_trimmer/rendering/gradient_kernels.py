@@ -25,12 +25,12 @@ from gaussian_trimmer.rendering.numba_kernels import (
     _CHECK_EVERY,
     _CUTOFF,
     _ONE,
-    _QUARTER,
     _ZERO,
     _falloff,
     _interleave,
     _lets_light_through,
     _weight_and_light,
+    _within_tile,
 )
 from gaussian_trimmer.rendering.projection_kernels import AREA, TILE_WIDTH, _jit
 
@@ -92,10 +92,8 @@ def differentiate_tiles(splats, colours, moves, tiles, images, out, jobs):  # ty
             if (pair - starts[tile]) % _CHECK_EVERY == 0 and not _lets_light_through(transmittance):
                 break
             i = lists[pair]
-            x, y = splats[i, 0] - np.float32(left), splats[i, 1] - np.float32(top)
-            A, B, C, opacity = _QUARTER * splats[i, 2], _QUARTER * splats[i, 3], _QUARTER * splats[i, 4], splats[i, 5]
+            A, B, C, u0, v0, opacity = _within_tile(splats[i], left, top)
             red, green, blue = colours[i, 0], colours[i, 1], colours[i, 2]
-            u0, v0 = -(A * x + B * y), -C * y
             first, last = TILE_WIDTH * spans[pair, 0], TILE_WIDTH * spans[pair, 1]
             columns, rows, light, behind = (
                 column[first:last],

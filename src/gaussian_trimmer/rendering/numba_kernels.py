@@ -42,6 +42,17 @@ def _falloff(q):  # type: ignore[no-untyped-def]
 
 
 @compiled(inline="always")
+def _within_tile(splat, left, top):  # type: ignore[no-untyped-def]
+    """Return A, B, C, u0, v0 and opacity of a splat (8,) in a tile.
+
+    With u = A x + B y + u0 and v = C y + v0 at a pixel of it, the alpha there is opacity times `_falloff` of u^2 + v^2.
+    """
+    x, y = splat[0] - np.float32(left), splat[1] - np.float32(top)
+    A, B, C = _QUARTER * splat[2], _QUARTER * splat[3], _QUARTER * splat[4]
+    return A, B, C, -(A * x + B * y), -C * y, splat[5]
+
+
+@compiled(inline="always")
 def _weight_and_light(full, before):  # type: ignore[no-untyped-def]
     """Blend weight of a Gaussian at a pixel, and the light behind it, less than zero where blending has stopped."""
     alpha = min(full, _CAP)
@@ -93,9 +104,7 @@ def blend_tiles(splats, values, tiles, labels, image, pairs, jobs):  # type: ign
             if (pair - starts[tile]) % _CHECK_EVERY == 0 and not _lets_light_through(transmittance):
                 break
             i = lists[pair]
-            x, y = splats[i, 0] - np.float32(left), splats[i, 1] - np.float32(top)
-            A, B, C, opacity = _QUARTER * splats[i, 2], _QUARTER * splats[i, 3], _QUARTER * splats[i, 4], splats[i, 5]
-            u0, v0 = -(A * x + B * y), -C * y
+            A, B, C, u0, v0, opacity = _within_tile(splats[i], left, top)
             first, last = TILE_WIDTH * spans[pair, 0], TILE_WIDTH * spans[pair, 1]
             # Slices, since an index that the compiler cannot prove to be non-negative would stop vectorisation.
             columns, rows, light_left, painted = (
