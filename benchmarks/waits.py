@@ -31,6 +31,8 @@ import numpy as np
 import gaussian_trimmer as gt
 
 SOURCES = Path(__file__).parents[1]
+_MARKS: Any = gt.marks
+"""Here every commit has its viewpoints, wherever they are defined."""
 SIZES = (1_500_000, 3_000_000, 12_000_000)
 """Numbers of Gaussians of copies of a capture side by side."""
 _WARM_RUNS = 3
@@ -91,14 +93,14 @@ class Wait:
 
     def view(self) -> Any:
         """A view of the thing, obliquely from above, in which only its surroundings are drawn."""
-        from gaussian_trimmer.cameras import Camera, Viewpoint, intrinsics, look_at
+        from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 
         up, at = np.array(self.up), np.array(self.at)
         level = np.linalg.svd(up[None])[2][1]
         position = at + _STAND_OFF * self.reach * (level + up) / np.sqrt(2)
         pinhole = intrinsics(_FIELD_OF_VIEW, _WIDTH, _HEIGHT)
         camera = Camera(look_at(position, at, up), pinhole, _WIDTH, _HEIGHT, near=0.02 * self.reach)
-        return Viewpoint(camera, self.at, 0.95 * _STAND_OFF * self.reach)
+        return _MARKS.Viewpoint(camera, self.at, 0.95 * _STAND_OFF * self.reach)
 
 
 def _measured(work: Callable[[], Any], before: Callable[[], Any] = lambda: None, warm_runs: int = 0) -> Figures:
@@ -176,7 +178,6 @@ def click(wait: Wait, path: Path | None = None) -> Figures:
     """A click in the app's session, in the view that shows most of the object, where it is thickest."""
     from gaussian_trimmer.app import edits
     from gaussian_trimmer.app.session import Session
-    from gaussian_trimmer.cameras import Viewpoint
     from gaussian_trimmer.selecting.marks import Click
 
     root, session = Path(wait.root), Session()
@@ -190,7 +191,7 @@ def click(wait: Wait, path: Path | None = None) -> Figures:
     document = session.document
     assert document.cameras is not None
     camera = next(camera for camera in document.cameras.cameras if Path(camera.name).name == name)
-    mark = Click(int(x), int(y), Viewpoint(camera))
+    mark = Click(int(x), int(y), _MARKS.Viewpoint(camera))
     return _warm(lambda: session.do(edits.mark, mark), lambda: session.do(edits.clear))
 
 

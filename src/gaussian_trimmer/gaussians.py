@@ -190,8 +190,10 @@ class Gaussians:
 
     def select(self, rows: BoolArray | IntArray | slice) -> Gaussians:
         """The Gaussians of a boolean mask (N,), of row numbers, or of a slice, as copies (views for a slice)."""
-        if isinstance(rows, np.ndarray) and rows.dtype == np.bool_ and len(rows) != len(self):
-            raise ValueError(f"The mask has {len(rows)} entries for {len(self)} Gaussians.")
+        if isinstance(rows, np.ndarray) and rows.dtype == np.bool_:
+            if len(rows) != len(self):
+                raise ValueError(f"The mask has {len(rows)} entries for {len(self)} Gaussians.")
+            rows = np.flatnonzero(rows)  # looked for once, not in each array
         return Gaussians(
             self.means[rows],
             self.log_scales[rows],

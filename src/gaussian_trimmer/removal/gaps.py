@@ -21,7 +21,7 @@ from gaussian_trimmer.removal.inpainting import continued, made_up
 from gaussian_trimmer.removal.shift_map import inpaint_shift_map, shifted
 from gaussian_trimmer.removal.views import RemovalViews, points_at
 from gaussian_trimmer.rendering import Rendering, render
-from gaussian_trimmer.rendering.tile_renderer import render_views
+from gaussian_trimmer.rendering.tile_renderer import draw, render_views
 from gaussian_trimmer.views.view import HALF, bounding_box, box_slices, clearly_nearer, grown, opened
 
 _RIM_PIXELS = 3
@@ -97,7 +97,7 @@ def close_gaps(views: RemovalViews, background: Gaussians) -> Gaussians:
         background = concatenate([background, views.beyond(views.observing)])
         sights = seen(background)
     for sight in sights:
-        if len(new):
+        if len(new) and sight.open.any():
             sight = sight._replace(rest=render(concatenate([background, new]), sight.camera))
         hole, known = sight.gap(views.bounds.radius) if sight.open.any() else (sight.open, sight.open)
         if hole.any() and known.any():
@@ -116,7 +116,8 @@ def _stays_open(sight: _Behind, background: Gaussians, views: RemovalViews) -> b
         return bool(still_open.any())
     box = bounding_box(still_open)
     part = sight.camera.part(*box)
-    still_open[box_slices(box)] &= render(concatenate([background, views.beyond([part])]), part).alpha <= HALF
+    (alpha,) = draw(concatenate([background, views.beyond([part])]), [part], colours=False).alpha
+    still_open[box_slices(box)] &= alpha <= HALF
     return bool(opened(still_open, _SPECK_PIXELS).any())
 
 
