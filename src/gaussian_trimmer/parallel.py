@@ -20,6 +20,8 @@ from typing import Any, TypeVar
 Made = TypeVar("Made")
 WORTH_A_THREAD = 8192
 """Number of Gaussians from which another thread saves more time than waking it takes, where each is little work."""
+IN_CACHE = 1 << 14
+"""Number of Gaussians whose columns stay in a processor's cache from one NumPy call to the next."""
 
 
 def parallel_for(work: Callable[[int, int], Any], n: int, at_most: int | None = None, at_least: int = 1) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import Gaussians, IntArray
+from gaussian_trimmer.parallel import IN_CACHE, parallel_for
 
 _FACTOR = np.uint64(0x9E3779B97F4A7C15)
 """An odd number with bits of both kinds all over: hashes that it mixes are as good as different."""
@@ -30,6 +31,10 @@ class Distinct(NamedTuple):
 def distinct_gaussians(scene: Gaussians) -> Distinct:
     """Group copies: Gaussians of the same shape and colour, no farther from the middle of these than they are thick."""
     hashes = _hashes(scene)
+    in_order = np.sort(hashes)
+    if not (in_order[1:] == in_order[:-1]).any():
+        every = np.arange(len(scene))
+        return Distinct(scene, every, every)
     order = np.argsort(hashes, kind="stable")
     alike = np.cumsum(np.append(False, hashes[order[1:]] != hashes[order[:-1]])) if len(order) else order
     several = np.bincount(alike)[alike] > 1
@@ -58,7 +63,12 @@ def _middles(means: NDArray[np.floating], of: IntArray) -> NDArray[np.float64]:
 def _hashes(scene: Gaussians) -> NDArray[np.uint64]:
     """Return a number of the shape, rotation and colour of each Gaussian, the same for the same ones, (N,)."""
     found = np.zeros(len(scene), np.uint64)
-    for values in (scene.quaternions, scene.log_scales, scene.sh_dc):
-        for column in np.ascontiguousarray(values).view(np.uint32).T:
-            found = (found + column) * _FACTOR
+
+    def part(first: int, last: int) -> None:
+        for values in (scene.quaternions, scene.log_scales, scene.sh_dc):
+            for column in np.ascontiguousarray(values[first:last]).view(np.uint32).T:
+                found[first:last] += column
+                found[first:last] *= _FACTOR
+
+    parallel_for(part, len(scene), IN_CACHE)
     return found

@@ -76,8 +76,7 @@ class MarkInterpreter:
         self._whole, self._distinct = scene, distinct_gaussians(scene)
         self._scene, self._up, self._cameras = self._distinct.gaussians, np.array(marks.up), cameras
         self._seen_from = tuple(_camera_at(place) for place in marks.photographed_from)
-        things = ThingsAtPoints(self._scene, self._up)
-        self._things = things if things.needed else None
+        self._things = ThingsAtPoints(self._scene, self._up)
 
     def apply(self, before: Selection, mark: Mark) -> Selection:
         """Return the selection after one more mark, whose view is resolved; nothing may remain selected.
@@ -170,7 +169,7 @@ class MarkInterpreter:
         if mark.tolerance:
             return _combined(state, select_by_colour(view, mark.x, mark.y, mark.tolerance), rows, mark.effect, "colour")
         first = not state.mask.any() or mark.effect == "intersect"
-        if self._things is None:
+        if not self._things.needed:
             return self._first_click(state, view, rows, mark) if first else _correction(state, view, rows, mark, target)
         found = self._thing_at(before, state, target, rows, mark.effect, first)
         if found is None:
@@ -190,7 +189,6 @@ class MarkInterpreter:
             effect: of the click.
             first: nothing of the thing is selected yet.
         """
-        assert self._things is not None, "large captures have them"
         seen = np.zeros(len(state.mask), np.float32)
         seen[rows] = target.seeds
         if before.other_sizes and effect == "add" and 2 * seen[state.mask].sum() > seen.sum():

@@ -11,7 +11,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.parallel import parallel_for
+from gaussian_trimmer.parallel import IN_CACHE, parallel_for
 from gaussian_trimmer.rendering import Rendering
 
 HALF = 0.5
@@ -32,9 +32,6 @@ MIN_SEEN_PIXELS = 1e-3
 
 _SEEN_DEVIATIONS = 3.0
 """Standard deviations from its centre up to which a Gaussian may show in a picture."""
-
-_LOOKED_AT_TOGETHER = 1 << 14
-"""Gaussians that are looked at in one go, so that what is computed of them stays in the processor's cache."""
 
 Box = tuple[int, int, int, int]
 """Pixel box (x0, y0, x1, y1); x1 and y1 are exclusive."""
@@ -150,7 +147,7 @@ def shown_by(scene: Gaussians, cameras: Sequence[Camera], before: Bounds | None 
             in_reach = aside < reach * max(camera.K[0, 0], camera.K[1, 1])
             found[first:last] |= (depths > camera.near) & (depths < far) & in_reach
 
-    parallel_for(part, len(scene), _LOOKED_AT_TOGETHER)
+    parallel_for(part, len(scene), IN_CACHE)
     return found
 
 
