@@ -18,7 +18,8 @@ def copied(scene: Gaussians, selection: BoolArray, n: int) -> tuple[Gaussians, B
     """A scene of n Gaussians: the scene, and copies of it beside it; the selection is of the first alone.
 
     Copies stand half an extent apart, so nothing changes near the object. Rows of the copies follow each row of the
-    original, as the rows of an object are spread over the file of any large scene. The last copies lack rows.
+    original, as the rows of an object are spread over the file of any large scene. The last copies lack rows. Each copy
+    has a tint that nobody sees, since no Gaussians of a capture are alike.
     """
     tiles = -(-n // len(scene))
     if tiles <= 1:
@@ -32,7 +33,8 @@ def copied(scene: Gaussians, selection: BoolArray, n: int) -> tuple[Gaussians, B
     shift = np.zeros((n, 3), np.float32)
     shift[:, first], shift[:, second] = 1.5 * extents[first] * (tile % across), 1.5 * extents[second] * (tile // across)
     made = scene.select(row)
-    return made.replace(means=made.means + shift), selection[row] & (tile == 0)
+    tint = 1 + 1e-5 * tile.astype(np.float32)
+    return made.replace(means=made.means + shift, sh_dc=made.sh_dc * tint[:, None]), selection[row] & (tile == 0)
 
 
 def _with_full_sh(gaussians: Gaussians) -> Gaussians:

@@ -70,6 +70,17 @@ def for_each(work: Callable[[Any], Made], items: Sequence[Any]) -> list[Made]:
     return found
 
 
+def in_shares(work: Callable[[slice], Made], n: int, size: int = IN_CACHE) -> list[Made]:
+    """Return what work(rows) returns for each share of n rows, in order; the shares do not depend on the threads.
+
+    Args:
+        work: called with a slice of the rows; at least once, where there are none with an empty one.
+        n: number of rows.
+        size: of a share.
+    """
+    return for_each(work, [slice(first, min(first + size, n)) for first in range(0, max(n, 1), size)])
+
+
 def parallel_map(work: Callable[..., Made], *items: Iterable[Any]) -> Iterator[Made]:
     """Like `map`, but computed ahead on as many threads as Numba is given; those left over are for loops within.
 

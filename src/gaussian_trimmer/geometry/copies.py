@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import Gaussians, IntArray
-from gaussian_trimmer.parallel import IN_CACHE, parallel_for
+from gaussian_trimmer.parallel import in_shares
 
 _FACTOR = np.uint64(0x9E3779B97F4A7C15)
 """An odd number with bits of both kinds all over: hashes that it mixes are as good as different."""
@@ -30,19 +30,17 @@ class Distinct(NamedTuple):
 
 def distinct_gaussians(scene: Gaussians) -> Distinct:
     """Group copies: Gaussians of the same shape and colour, no farther from the middle of these than they are thick."""
-    hashes = _hashes(scene)
-    in_order = np.sort(hashes)
-    if not (in_order[1:] == in_order[:-1]).any():
-        every = np.arange(len(scene))
-        return Distinct(scene, every, every)
-    order = np.argsort(hashes, kind="stable")
-    alike = np.cumsum(np.append(False, hashes[order[1:]] != hashes[order[:-1]])) if len(order) else order
-    several = np.bincount(alike)[alike] > 1
-    rows, alike = order[several], np.unique(alike[several], return_inverse=True)[1]
+    hashes, every = _hashes(scene), np.arange(len(scene))
+    rows = _repeated(hashes)
+    alike = _groups(hashes[rows])
     means = scene.means[rows].astype(np.float64)
-    near = np.linalg.norm(means - _middles(means, alike)[alike], axis=1) <= np.exp(scene.log_scales[rows].min(axis=1))
+    first, second, third = scene.log_scales[rows].T
+    thin = np.exp(np.minimum(np.minimum(first, second), third))  # faster than row by row
+    near = np.linalg.norm(means - _middles(means, alike)[alike], axis=1) <= thin
     rows, alike = rows[near], alike[near]
-    first = np.arange(len(scene))
+    if not len(rows):
+        return Distinct(scene, every, every)
+    first = every.copy()
     first[rows] = rows[np.searchsorted(alike, alike)]
     kept, of = np.unique(first, return_inverse=True)
     if len(kept) == len(scene):
@@ -60,15 +58,32 @@ def _middles(means: NDArray[np.floating], of: IntArray) -> NDArray[np.float64]:
     return np.stack([np.bincount(of, column) for column in means.T], axis=1) / np.bincount(of)[:, None]
 
 
+def _repeated(hashes: NDArray[np.uint64]) -> IntArray:
+    """Return the rows whose hash (N,) another row has, too, those of each hash together and in order."""
+    parts = (hashes >> np.uint64(32)).astype(np.uint32)  # sorts faster, and hardly any are the same by chance
+    in_order = np.sort(parts)
+    repeated = in_order[1:][in_order[1:] == in_order[:-1]]
+    possible = np.zeros(1 << 24, np.bool_)
+    possible[repeated >> 8] = True
+    rows = np.flatnonzero(possible[parts >> 8]) if len(repeated) else np.zeros(0, np.int64)
+    rows = rows[np.argsort(hashes[rows], kind="stable")]
+    groups = _groups(hashes[rows])
+    return rows[np.bincount(groups)[groups] > 1]
+
+
+def _groups(in_order: NDArray[np.uint64]) -> IntArray:
+    """Return the number of each run of equal values, from 0, (N,)."""
+    return np.cumsum(in_order != np.append(in_order[:1], in_order[:-1]))
+
+
 def _hashes(scene: Gaussians) -> NDArray[np.uint64]:
     """Return a number of the shape, rotation and colour of each Gaussian, the same for the same ones, (N,)."""
-    found = np.zeros(len(scene), np.uint64)
 
-    def part(first: int, last: int) -> None:
+    def hashes(rows: slice) -> NDArray[np.uint64]:
+        found = np.zeros(len(scene.means[rows]), np.uint64)
         for values in (scene.quaternions, scene.log_scales, scene.sh_dc):
-            for column in np.ascontiguousarray(values[first:last]).view(np.uint32).T:
-                found[first:last] += column
-                found[first:last] *= _FACTOR
+            for column in np.ascontiguousarray(values[rows]).view(np.uint32).T:
+                found = (found + column) * _FACTOR
+        return found
 
-    parallel_for(part, len(scene), IN_CACHE)
-    return found
+    return np.concatenate(in_shares(hashes, len(scene)))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.graphs import nearest
+from gaussian_trimmer.parallel import in_shares
 
 _EDGE_NEIGHBOURS, _ESTIMATE_NEIGHBOURS = 10, 17
 """Number of neighbours on edges, and of Gaussians that colour and normal are estimated from."""
@@ -29,6 +30,8 @@ _MIN_EDGE_WEIGHT = 0.05
 _COLOUR_BINS, _BIN_OFFSET, _BIN_SIZE = (20, 26, 26), np.array([0, 128, 128]), np.array([6.25, 10, 10])
 """Bins of the colour histograms over L, a and b: their number, and where and how wide they are."""
 COLOURS = int(np.prod(_COLOUR_BINS))
+_AT_ONCE = 1024
+"""Gaussians whose neighbourhoods are worked on together, so that they stay in the processor's cache."""
 _MAX_LOG_RATIO = 2.0
 """Log-ratio at which colour evidence is clipped."""
 
@@ -108,11 +111,16 @@ def colour_evidence(bins: IntArray, inside: Float64Array, outside: Float64Array)
 def _smoothed(rgb: FloatArray, beside: NDArray[np.int32], shares: FloatArray) -> FloatArray:
     """Return Lab colours (S, 3) after two passes of a bilateral filter over the neighbourhoods (S, K)."""
     lab = np.asarray(cv2.cvtColor(rgb.astype(np.float32)[None], cv2.COLOR_RGB2Lab)[0])
+
+    def smoothed(rows: slice) -> FloatArray:
+        around = lab.take(beside[rows], axis=0)
+        difference = around - lab[rows, None]
+        alike = shares[rows] * np.exp(np.einsum("ski,ski->sk", difference, difference) * _COLOUR_FACTOR)
+        total = np.maximum(alike.sum(axis=1, keepdims=True), 1e-30)
+        return np.asarray(np.einsum("sk,ski->si", alike, around) / total)
+
     for _ in range(2):
-        around = lab.take(beside, axis=0)
-        difference = around - lab[:, None]
-        alike = shares * np.exp(np.einsum("ski,ski->sk", difference, difference) * _COLOUR_FACTOR)
-        lab = np.einsum("sk,ski->si", alike, around) / np.maximum(alike.sum(axis=1, keepdims=True), 1e-30)
+        lab = np.concatenate(in_shares(smoothed, len(lab), _AT_ONCE))
     return np.asarray(lab, np.float32)
 
 
@@ -120,14 +128,19 @@ def _normals(
     means: FloatArray, beside: NDArray[np.int32], shares: FloatArray, facing: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return unit normals (S, 3) of neighbourhoods (S, K), on the side that is seen, and flatness, 0 to 1, (S,)."""
-    shares = shares / np.maximum(shares.sum(axis=1, keepdims=True), 1e-30)
-    around = means.take(beside, axis=0)
-    offsets = around - np.einsum("sk,ski->si", shares, around)[:, None]
-    variances, axes = np.linalg.eigh(np.einsum("sk,ski,skj->sij", shares, offsets, offsets))
-    normals = axes[:, :, 0]
-    normals = normals * np.where(np.einsum("si,si->s", normals, facing) < 0, -1, 1)[:, None]
-    flatness = 1 - variances[:, 0] / np.maximum(variances[:, 1], 1e-30)
-    return np.asarray(normals, np.float32), np.asarray(np.clip(flatness, 0, 1), np.float32)
+
+    def of(rows: slice) -> tuple[FloatArray, FloatArray]:
+        share, around = shares[rows], means.take(beside[rows], axis=0)
+        share = share / np.maximum(share.sum(axis=1, keepdims=True), 1e-30)
+        offsets = around - np.einsum("sk,ski->si", share, around)[:, None]
+        variances, axes = np.linalg.eigh(np.einsum("sk,ski,skj->sij", share, offsets, offsets))
+        normals = axes[:, :, 0]
+        normals = normals * np.where(np.einsum("si,si->s", normals, facing[rows]) < 0, -1, 1)[:, None]
+        flatness = 1 - variances[:, 0] / np.maximum(variances[:, 1], 1e-30)
+        return np.asarray(normals, np.float32), np.asarray(np.clip(flatness, 0, 1), np.float32)
+
+    normals, flatness = zip(*in_shares(of, len(means), _AT_ONCE), strict=True)
+    return np.concatenate(normals), np.concatenate(flatness)
 
 
 def _edges(beside: NDArray[np.int32], distances: FloatArray, spacing: FloatArray) -> tuple[IntArray, Float64Array]:

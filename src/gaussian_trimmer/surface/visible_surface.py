@@ -16,7 +16,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet, Viewpoint, training_came
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray, rotation_matrices
 from gaussian_trimmer.geometry.graphs import nearest
-from gaussian_trimmer.parallel import parallel_map
+from gaussian_trimmer.parallel import in_shares, parallel_map
 from gaussian_trimmer.surface.overview import drawn_part, plan_overview
 from gaussian_trimmer.surface.surface_estimates import SurfaceEstimates, colour_bins, directions_to, estimate_surface
 from gaussian_trimmer.surface.viewed_scene import shown_weight
@@ -33,7 +33,6 @@ _REACH = 5.0
 """Distance from the middle beyond which nothing is looked at: far walls, trees and sky."""
 _MOST_NODES = 400_000
 _MIN_NODES = 50
-_EDGES_AT_ONCE = 1 << 19
 
 
 class NothingShowsError(InputError):
@@ -295,16 +294,16 @@ def _touching(gaussians: Gaussians, edges: IntArray) -> Float64Array:
     deviations along it: surfaces are covered by Gaussians that overlap, dense scenes' as well as sparse ones'.
     """
     axes = rotation_matrices(gaussians.quaternions) * gaussians.scales[:, None]  # standard deviations long
-    overlap = np.empty(len(edges))
-    for start in range(0, len(edges), _EDGES_AT_ONCE):
-        part = slice(start, start + _EDGES_AT_ONCE)
-        a, b = edges[part].T
+
+    def overlap(rows: slice) -> Float64Array:
+        a, b = edges[rows].T
         offset = (gaussians.means.take(b, axis=0) - gaussians.means.take(a, axis=0)).astype(np.float64)
         square = np.maximum(np.square(offset).sum(axis=1), 1e-30)
         along = [np.einsum("eik,ei->ek", axes.take(ends, axis=0), offset) for ends in (a, b)]
         deviations = [np.linalg.norm(one, axis=1) for one in along]
-        overlap[part] = np.exp(-0.5 * np.square(square / np.maximum(deviations[0] + deviations[1], 1e-30)))
-    return overlap
+        return np.asarray(np.exp(-0.5 * np.square(square / np.maximum(deviations[0] + deviations[1], 1e-30))))
+
+    return np.concatenate(in_shares(overlap, len(edges)))
 
 
 def seen_share(shown: FloatArray) -> float:

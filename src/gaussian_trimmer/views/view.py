@@ -11,7 +11,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.parallel import IN_CACHE, parallel_for
+from gaussian_trimmer.parallel import in_shares
 from gaussian_trimmer.rendering import Rendering
 
 HALF = 0.5
@@ -129,15 +129,14 @@ def visible_weight(weights: Sequence[FloatArray] | FloatArray, cameras: Sequence
 
 def shown_by(scene: Gaussians, cameras: Sequence[Camera], before: Bounds | None = None) -> BoolArray:
     """Return which Gaussians some camera may show, (N,), of all or nearer than the far end of some bounds."""
-    found = np.zeros(len(scene), np.bool_)
     ends = [
         np.inf if before is None else float(camera.project(before.centre[None])[1][0]) + before.radius
         for camera in cameras
     ]
 
-    def part(first: int, last: int) -> None:
-        some = scene.select(slice(first, last))
-        reach = _SEEN_DEVIATIONS * np.exp(some.largest_log_scales)
+    def shown(rows: slice) -> BoolArray:
+        some = scene.select(rows)
+        found, reach = np.zeros(len(some), np.bool_), _SEEN_DEVIATIONS * np.exp(some.largest_log_scales)
         means = np.ascontiguousarray(some.means.T, np.float64)
         for camera, far in zip(cameras, ends, strict=True):
             transform = camera.K @ camera.world_to_camera[:3]
@@ -145,10 +144,10 @@ def shown_by(scene: Gaussians, cameras: Sequence[Camera], before: Bounds | None 
             half = camera.width / 2, camera.height / 2
             aside = np.maximum(*(np.abs(p - h * depths) - h * depths for p, h in zip((x, y), half, strict=True)))
             in_reach = aside < reach * max(camera.K[0, 0], camera.K[1, 1])
-            found[first:last] |= (depths > camera.near) & (depths < far) & in_reach
+            found |= (depths > camera.near) & (depths < far) & in_reach
+        return found
 
-    parallel_for(part, len(scene), IN_CACHE)
-    return found
+    return np.concatenate(in_shares(shown, len(scene)))
 
 
 def clearly_nearer(nearest_depth: FloatArray, depth: FloatArray, radius: float) -> BoolArray:
