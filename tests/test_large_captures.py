@@ -268,7 +268,7 @@ def test_where_the_finder_sees_nothing_a_click_takes_what_is_seen_alone_or_the_r
     scene, part = room.scene_of(room.floor(), balloon, *furniture())
     monkeypatch.setattr(find, "tile_sides", lambda storey, heights: (9.0, 6.0, 4.5))
     interpreter = interpretation.MarkInterpreter(scene, Marks((), (0.0, 0.0, 1.0)))
-    interpreter._things = SimpleNamespace(at=lambda point, seen: [])
+    interpreter._things = SimpleNamespace(needed=True, at=lambda point, seen: [])
 
     def click(eye, target):
         mark = Click(120, 120, Viewpoint(toy.camera_at(eye, target, 240)))
@@ -287,7 +287,7 @@ def test_the_same_click_made_again_takes_the_other_sizes_in_turn(clicks):
     scene, part, interpreter, click = clicks
     upper = (part == 3) & (scene.means[:, 2] > 0.3)
     thing, larger, smaller = map(np.flatnonzero, (part == 3, part >= 2, upper))
-    interpreter._things = SimpleNamespace(at=lambda point, seen: [thing, larger, smaller])
+    interpreter._things = SimpleNamespace(needed=True, at=lambda point, seen: [thing, larger, smaller])
     state = interpreter.apply(interpretation.Selection.nothing(len(scene)), click)
     for rows in (larger, smaller):
         state = interpreter.apply(state, click)
@@ -299,11 +299,13 @@ def test_the_same_click_made_again_takes_the_other_sizes_in_turn(clicks):
 
 def test_other_sizes_are_forgotten_after_a_click_that_corrects_or_another_mark(clicks):
     scene, part, interpreter, click = clicks
-    interpreter._things = SimpleNamespace(at=lambda point, seen: [np.flatnonzero(part == 3), np.flatnonzero(part >= 2)])
+    interpreter._things = SimpleNamespace(
+        needed=True, at=lambda point, seen: [np.flatnonzero(part == 3), np.flatnonzero(part >= 2)]
+    )
     state = interpreter.apply(interpretation.Selection.nothing(len(scene)), click)
     assert state.other_sizes
     for mark in (Grow(1.0), replace(click, effect="remove")):
         after = interpreter.apply(state, mark)
         assert not after.other_sizes
-        interpreter._things = SimpleNamespace(at=lambda point, seen: [])
+        interpreter._things = SimpleNamespace(needed=True, at=lambda point, seen: [])
     assert after.before_click is None
