@@ -487,7 +487,7 @@ def test_handles_move_turn_and_scale_by_dragging_and_by_keys(ball_tab):
         return tab.page.locator(f"#gesture-overlay {kind}.gizmo.handle")
 
     def middle(element):
-        box = element.bounding_box()
+        box = until(element.bounding_box, "a handle that is not being drawn anew")
         return np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2])
 
     def moved_from(before):
