@@ -9,7 +9,8 @@ import time
 import numba
 import pytest
 
-from gaussian_trimmer.parallel import in_shares, parallel_for, parallel_map
+from gaussian_trimmer import parallel
+from gaussian_trimmer.parallel import parallel_for, parallel_map
 
 
 @pytest.mark.parametrize(("threads", "n", "at_most"), [(1, 7, None), (2, 7, None), (4, 3, None), (2, 10, 3), (2, 0, 5)])
@@ -28,7 +29,8 @@ def test_shares_are_the_whole_range(threads, n, at_most):
 @pytest.mark.parametrize(("n", "starts"), [(7, [0, 3, 6]), (3, [0]), (0, [0])])
 def test_what_shares_of_rows_give_is_in_order_whatever_the_threads(monkeypatch, threads, n, starts):
     monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
-    found = in_shares(lambda rows: (rows.start, list(range(n))[rows]), n, 3)
+    monkeypatch.setattr(parallel, "_IN_CACHE", 3)
+    found = parallel.in_shares(lambda rows: (rows.start, list(range(n))[rows]), n)
     assert [start for start, _ in found] == starts
     assert [place for _, places in found for place in places] == list(range(n))
 

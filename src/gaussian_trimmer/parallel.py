@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 Made = TypeVar("Made")
 WORTH_A_THREAD = 8192
 """Number of Gaussians from which another thread saves more time than waking it takes, where each is little work."""
-IN_CACHE = 1 << 14
+_IN_CACHE = 1 << 14
 """Number of Gaussians whose columns stay in a processor's cache from one NumPy call to the next."""
 
 
@@ -70,15 +70,14 @@ def for_each(work: Callable[[Any], Made], items: Sequence[Any]) -> list[Made]:
     return found
 
 
-def in_shares(work: Callable[[slice], Made], n: int, size: int = IN_CACHE) -> list[Made]:
+def in_shares(work: Callable[[slice], Made], n: int) -> list[Made]:
     """Return what work(rows) returns for each share of n rows, in order; the shares do not depend on the threads.
 
     Args:
         work: called with a slice of the rows; at least once, where there are none with an empty one.
         n: number of rows.
-        size: of a share.
     """
-    return for_each(work, [slice(first, min(first + size, n)) for first in range(0, max(n, 1), size)])
+    return for_each(work, [slice(first, min(first + _IN_CACHE, n)) for first in range(0, max(n, 1), _IN_CACHE)])
 
 
 def parallel_map(work: Callable[..., Made], *items: Iterable[Any]) -> Iterator[Made]:

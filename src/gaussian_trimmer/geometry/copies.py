@@ -30,7 +30,7 @@ class Distinct(NamedTuple):
 
 def distinct_gaussians(scene: Gaussians) -> Distinct:
     """Group copies: Gaussians of the same shape and colour, no farther from the middle of these than they are thick."""
-    hashes, every = _hashes(scene), np.arange(len(scene))
+    hashes = _hashes(scene)
     rows = _repeated(hashes)
     alike = _groups(hashes[rows])
     means = scene.means[rows].astype(np.float64)
@@ -38,11 +38,10 @@ def distinct_gaussians(scene: Gaussians) -> Distinct:
     thin = np.exp(np.minimum(np.minimum(first, second), third))  # faster than row by row
     near = np.linalg.norm(means - _middles(means, alike)[alike], axis=1) <= thin
     rows, alike = rows[near], alike[near]
-    if not len(rows):
-        return Distinct(scene, every, every)
-    first = every.copy()
+    first = np.arange(len(scene))
     first[rows] = rows[np.searchsorted(alike, alike)]
-    kept, of = np.unique(first, return_inverse=True)
+    is_first = first == np.arange(len(scene))
+    kept, of = np.flatnonzero(is_first), (np.cumsum(is_first) - 1)[first]
     if len(kept) == len(scene):
         return Distinct(scene, kept, of)
     transmitted = -np.bincount(of, np.logaddexp(0, scene.opacity_logits.astype(np.float64)))  # logarithms

@@ -8,6 +8,7 @@ import numpy as np
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
+from gaussian_trimmer.geometry.storey import sampled
 from gaussian_trimmer.io.reading import LARGEST
 
 LARGEST_LOG_SCALE = 80.0
@@ -28,8 +29,6 @@ _RANGES_BY_FIELD = {
 _SHORTEST_QUATERNION, _LONGEST_QUATERNION = 1e-12, 1e12
 """Lengths that can be squared."""
 _ROWS_AT_ONCE = 1 << 12
-_ENOUGH_FOR_MEDIANS = 100_000
-"""Number of Gaussians, evenly spread over the rows, whose medians are those of a scene."""
 
 
 def check_values(gaussians: Gaussians, where: str = "") -> None:
@@ -130,7 +129,7 @@ def lost_places(scene: Gaussians) -> str | None:
     Returns:
         A clause without a full stop; None where the coordinates tell the Gaussians apart.
     """
-    sample = scene.select(slice(None, None, 1 + len(scene) // _ENOUGH_FOR_MEDIANS))
+    sample = sampled(scene)
     middle = np.median(sample.means, axis=0)
     step = float(np.spacing(np.abs(middle).max()))
     width = float(np.exp(np.median(sample.largest_log_scales)))

@@ -108,8 +108,8 @@ def tile_sides(storey: Storey, heights: Float64Array) -> tuple[float, ...]:
 
 
 def sampled(scene: Gaussians) -> Gaussians:
-    """Return a part of the Gaussians, evenly spread over the rows: as many as tell where layers are."""
-    return scene.select(np.arange(0, len(scene), 1 + len(scene) // _SAMPLE_SIZE))
+    """Return a part of the Gaussians, evenly spread over the rows, uncopied: as many as tell where layers are."""
+    return scene.select(slice(None, None, 1 + len(scene) // _SAMPLE_SIZE))
 
 
 def _is_horizontal(scene: Gaussians, up: Float64Array) -> BoolArray:

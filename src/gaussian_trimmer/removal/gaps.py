@@ -65,6 +65,8 @@ class _Behind(NamedTuple):
         Args:
             radius: the object's, in scene units.
         """
+        if not self.open.any():
+            return self.open, self.open
         front = _nearest(self.object.depth, self.silhouette)
         behind = ~(self.seen & clearly_nearer(self.rest.depth, front, radius))
         hole = grown(self.open, _RIM_PIXELS) & behind & (self.silhouette | self.seen)
@@ -99,7 +101,7 @@ def close_gaps(views: RemovalViews, background: Gaussians) -> Gaussians:
     for sight in sights:
         if len(new) and sight.open.any():
             sight = sight._replace(rest=render(concatenate([background, new]), sight.camera))
-        hole, known = sight.gap(views.bounds.radius) if sight.open.any() else (sight.open, sight.open)
+        hole, known = sight.gap(views.bounds.radius)
         if hole.any() and known.any():
             found, gap = _continued(sight, hole, known, target)
             elsewhere = _not_behind(found.means, sights)

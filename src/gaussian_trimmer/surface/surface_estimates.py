@@ -30,8 +30,6 @@ _MIN_EDGE_WEIGHT = 0.05
 _COLOUR_BINS, _BIN_OFFSET, _BIN_SIZE = (20, 26, 26), np.array([0, 128, 128]), np.array([6.25, 10, 10])
 """Bins of the colour histograms over L, a and b: their number, and where and how wide they are."""
 COLOURS = int(np.prod(_COLOUR_BINS))
-_AT_ONCE = 1024
-"""Gaussians whose neighbourhoods are worked on together, so that they stay in the processor's cache."""
 _MAX_LOG_RATIO = 2.0
 """Log-ratio at which colour evidence is clipped."""
 
@@ -120,7 +118,7 @@ def _smoothed(rgb: FloatArray, beside: NDArray[np.int32], shares: FloatArray) ->
         return np.asarray(np.einsum("sk,ski->si", alike, around) / total)
 
     for _ in range(2):
-        lab = np.concatenate(in_shares(smoothed, len(lab), _AT_ONCE))
+        lab = np.concatenate(in_shares(smoothed, len(lab)))
     return np.asarray(lab, np.float32)
 
 
@@ -139,7 +137,7 @@ def _normals(
         flatness = 1 - variances[:, 0] / np.maximum(variances[:, 1], 1e-30)
         return np.asarray(normals, np.float32), np.asarray(np.clip(flatness, 0, 1), np.float32)
 
-    normals, flatness = zip(*in_shares(of, len(means), _AT_ONCE), strict=True)
+    normals, flatness = zip(*in_shares(of, len(means)), strict=True)
     return np.concatenate(normals), np.concatenate(flatness)
 
 
